@@ -1,0 +1,74 @@
+"""Batched, copy-free evaluation of CasADi functions on NumPy arrays.
+
+CasADi's matrices are column-major and ``Function.map(B)`` lays the B columns side by side, so a C-contiguous (B, n)
+array *is* the memory of its (n, B) argument: evaluation is one call without conversion, about a microsecond for B = 1.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_KEPT_SIZES = 8
+
+
+def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
+    """A function whose outputs are dense, as :class:`BatchFunction` needs (structural zeros have no memory)."""
+    return ca.Function(name, inputs, [ca.densify(output) for output in outputs])
+
+
+class BatchFunction:
+    """A dense CasADi function on a leading batch axis.
+
+    Arguments and results have shape (B, rows) for column vectors and (B, rows, columns) for matrices. Results are new
+    arrays on each call. Not to be shared between threads.
+    """
+
+    def __init__(self, function: ca.Function) -> None:
+        for i in range(function.n_out()):
+            if not function.sparsity_out(i).is_dense():
+                raise ValueError(f"{function.name()}: output {i} is sparse; build it with dense_function")
+        self.function = function
+        self._in = [function.size_in(i) for i in range(function.n_in())]
+        self._out = [function.size_out(i) for i in range(function.n_out())]
+        self._buffers: OrderedDict[int, tuple[ca.FunctionBuffer, Callable[[], None]]] = OrderedDict()
+
+    def _buffer(self, size: int) -> tuple[ca.FunctionBuffer, Callable[[], None]]:
+        if size in self._buffers:
+            self._buffers.move_to_end(size)
+        else:
+            mapped = self.function if size == 1 else self.function.map(size)
+            self._buffers[size] = mapped.buffer()
+            if len(self._buffers) > _KEPT_SIZES:
+                self._buffers.popitem(last=False)
+        return self._buffers[size]
+
+    def __call__(self, *arguments: Array) -> list[Array]:
+        if len(arguments) != len(self._in):
+            raise TypeError(f"{self.function.name()} takes {len(self._in)} arguments, got {len(arguments)}")
+        size = len(arguments[0])
+        if size == 0:
+            return [np.empty((0, rows) if columns == 1 else (0, rows, columns)) for rows, columns in self._out]
+        buffer, trigger = self._buffer(size)
+        held = []
+        for i, (argument, (rows, columns)) in enumerate(zip(arguments, self._in)):
+            array = np.ascontiguousarray(argument, dtype=np.float64)
+            if array.size != size * rows * columns:
+                expected = (size, rows) if columns == 1 else (size, rows, columns)
+                raise ValueError(f"{self.function.name()}: argument {i} has shape {array.shape}, expected {expected}")
+            if columns != 1:
+                array = np.ascontiguousarray(array.swapaxes(-1, -2))
+            held.append(array)
+            buffer.set_arg(i, memoryview(array))
+        results = []
+        for i, (rows, columns) in enumerate(self._out):
+            result = np.empty((size, rows) if columns == 1 else (size, columns, rows))
+            buffer.set_res(i, memoryview(result))
+            results.append(result if columns == 1 else result.swapaxes(-1, -2))
+        trigger()
+        return results

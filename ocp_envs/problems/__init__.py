@@ -1,0 +1,50 @@
+"""The catalogue: every benchmark problem by its name, and problems of the user's own."""
+
+from __future__ import annotations
+
+import difflib
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems.pendulum import PENDULUM
+
+BENCHMARK: tuple[OptimalControlProblem, ...] = (PENDULUM,)
+_catalogue: dict[str, OptimalControlProblem] = {problem.id: problem for problem in BENCHMARK}
+
+
+class UnknownProblemError(KeyError):
+    """No problem of that name is known."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+def load(name: str) -> OptimalControlProblem:
+    """The problem called ``name``, for instance ``"PendulumSwingup-v0"``.
+
+    Raises:
+        UnknownProblemError: no such problem; the message names the nearest one and how to add one.
+    """
+    try:
+        return _catalogue[name]
+    except KeyError:
+        nearest = difflib.get_close_matches(str(name), _catalogue, n=1, cutoff=0.3)
+        hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+        raise UnknownProblemError(
+            f"unknown problem {name!r}; {hint}known are {sorted(_catalogue)}; add yours with ocp_envs.register(problem)"
+        ) from None
+
+
+def names() -> list[str]:
+    """Names of all known problems."""
+    return sorted(_catalogue)
+
+
+def add(problem: OptimalControlProblem) -> None:
+    """Put ``problem`` into the catalogue.
+
+    Raises:
+        ValueError: another problem already has that name.
+    """
+    if problem.id in _catalogue and _catalogue[problem.id] is not problem:
+        raise ValueError(f"a problem called {problem.id!r} is already registered; give yours another id")
+    _catalogue[problem.id] = problem

@@ -1,0 +1,131 @@
+"""Quadcopter from rest to rest, free and round a sphere (Tang & Hauser, section V-C; model of Mellinger, Michael & Kumar,
+*Trajectory generation and control for precise aggressive maneuvers with quadrotors*, 2012).
+
+Angles are Z-X-Y Euler angles: yaw ψ, roll φ, pitch θ, singular at φ = ±π/2. Rotor thrusts u_1 … u_4 are in newtons, T is
+their sum, k the ratio of a rotor's moment to its thrust:
+
+    ẍ = (sin θ cos ψ + cos θ sin φ sin ψ) T/m
+    ÿ = (sin θ sin ψ − cos θ sin φ cos ψ) T/m
+    z̈ = cos φ cos θ T/m − g
+    φ̇ = p cos θ + r sin θ
+    θ̇ = q + tan φ (p sin θ − r cos θ)
+    ψ̇ = −(p sin θ − r cos θ) / cos φ
+    ṗ = [l (u_2 − u_4) − q r (I_3 − I_2)] / I_1
+    q̇ = [l (u_3 − u_1) − p r (I_1 − I_3)] / I_2
+    ṙ = [k (u_1 − u_2 + u_3 − u_4) + p q (I_1 − I_2)] / I_3
+    L = 10 + ‖v‖² + 0.1 ‖(φ, θ, ψ)‖² + ‖(p, q, r)‖² + ‖u‖²
+
+The obstacle problem is the same system with a sphere as context: ‖(x, y, z) − (cx, cy, cz)‖ ≥ radius.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ocp_envs.problem import Goal, OptimalControlProblem
+from ocp_envs.system import Box, Coordinate, System
+
+CONSTANTS = {
+    "mass": 0.5,
+    "gravity": 9.81,
+    "moment_ratio": 0.0245,
+    "arm": 0.175,
+    "inertia_x": 0.0023,
+    "inertia_y": 0.0023,
+    "inertia_z": 0.004,
+}
+HOVER_THRUST = CONSTANTS["mass"] * CONSTANTS["gravity"] / 4
+#: Diagonal of the state weight Q, in the paper's order (position, velocity, angles, rates).
+STATE_WEIGHTS = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0)
+
+
+def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -> list[Any]:
+    _, _, _, vx, vy, vz, phi, theta, psi, p, q, r = state
+    u1, u2, u3, u4 = control
+    s_phi, c_phi, s_theta, c_theta = ca.sin(phi), ca.cos(phi), ca.sin(theta), ca.cos(theta)
+    s_psi, c_psi = ca.sin(psi), ca.cos(psi)
+    thrust = (u1 + u2 + u3 + u4) / c.mass
+    turn = p * s_theta - r * c_theta
+    i1, i2, i3 = c.inertia_x, c.inertia_y, c.inertia_z
+    return [
+        vx,
+        vy,
+        vz,
+        (s_theta * c_psi + c_theta * s_phi * s_psi) * thrust,
+        (s_theta * s_psi - c_theta * s_phi * c_psi) * thrust,
+        c_phi * c_theta * thrust - c.gravity,
+        p * c_theta + r * s_theta,
+        q + s_phi / c_phi * turn,
+        -turn / c_phi,
+        (c.arm * (u2 - u4) - q * r * (i3 - i2)) / i1,
+        (c.arm * (u3 - u1) - p * r * (i1 - i3)) / i2,
+        (c.moment_ratio * (u1 - u2 + u3 - u4) + p * q * (i1 - i2)) / i3,
+    ]
+
+
+def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+    return 10 + sum(w * x**2 for w, x in zip(STATE_WEIGHTS, state)) + sum(u**2 for u in control)
+
+
+def clearance(state: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> list[Any]:
+    x, y, z = state[:3]
+    return [ca.sqrt((x - context.cx) ** 2 + (y - context.cy) ** 2 + (z - context.cz) ** 2 + 1e-12) - context.radius]
+
+
+SYSTEM = System(
+    name="quadcopter",
+    state=Box(
+        (
+            *(Coordinate(n, -25.0, 25.0, "m", scale=5.0) for n in ("x", "y", "z")),
+            *(Coordinate(n, -15.0, 15.0, "m/s", scale=5.0) for n in ("vx", "vy", "vz")),
+            *(Coordinate(n, -1.2, 1.2, "rad", scale=0.5) for n in ("phi", "theta")),
+            Coordinate("psi", -np.pi, np.pi, "rad", scale=0.5, period=2 * np.pi),
+            *(Coordinate(n, -8.0, 8.0, "rad/s", scale=2.0) for n in ("p", "q", "r")),
+        )
+    ),
+    control=Box(tuple(Coordinate(f"u{i}", 0.0, 4.0, "N", scale=0.1) for i in range(1, 5))),
+    constants=CONSTANTS,
+    dynamics=dynamics,
+)
+GOAL = Goal(state=np.zeros(12), radius=0.1, windings=[[0] * 12], control=[HOVER_THRUST] * 4)
+START = tuple(Coordinate(n, -10.0, 10.0, "m") for n in ("x", "y", "z"))
+
+QUADCOPTER = OptimalControlProblem(
+    id="Quadcopter-v0",
+    title="fly a quadcopter from rest to rest",
+    system=SYSTEM,
+    parameters=Box(START),
+    cost_rate=cost_rate,
+    goal=GOAL,
+    duration=(0.3, 9.0),
+    knots=20,
+    substeps=3,
+    hold=5.0,
+    time_limit=20.0,
+)
+
+QUADCOPTER_OBSTACLE = OptimalControlProblem(
+    id="QuadcopterObstacle-v0",
+    title="fly a quadcopter from rest to rest round a sphere",
+    system=SYSTEM,
+    parameters=Box(
+        (
+            *START,
+            *(Coordinate(n, -10.0, 10.0, "m") for n in ("cx", "cy", "cz")),
+            Coordinate("radius", 1.0, 5.0, "m"),
+        )
+    ),
+    cost_rate=cost_rate,
+    goal=GOAL,
+    duration=(0.3, 10.0),
+    knots=20,
+    substeps=3,
+    hold=5.0,
+    time_limit=20.0,
+    clearance=clearance,
+)

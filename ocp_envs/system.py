@@ -1,0 +1,194 @@
+"""Controlled dynamical systems, declared once as CasADi expressions.
+
+A system is ẋ = f(x, u, c): state x, control u and physical constants c. Every coordinate carries its unit,
+its operating box, its typical size and, for an angle, its period. The discrete map of the product is the classical
+Runge-Kutta scheme of order four (Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I*, II.1) with the
+control held over the step:
+
+    k1 = f(x),  k2 = f(x + h/2 k1),  k3 = f(x + h/2 k2),  k4 = f(x + h k3),  x⁺ = x + h/6 (k1 + 2 k2 + 2 k3 + k4)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+#: f(state, control, constants): sequences of scalar expressions and a namespace of constants → list of ẋ.
+Dynamics = Callable[[Sequence[Any], Sequence[Any], SimpleNamespace], Sequence[Any]]
+
+
+def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
+    """A read-only copy of ``values``."""
+    array = np.array(values, dtype=dtype)
+    array.flags.writeable = False
+    return array
+
+
+def wrap(difference: Any, period: float) -> Any:
+    """``difference`` moved by whole periods into [-period/2, period/2); NumPy arrays and CasADi expressions alike."""
+    return difference - period * np.floor(difference / period + 0.5)
+
+
+def rk4_step(derivative: Callable[[Any], Any], x: Any, h: Any, substeps: int = 1) -> Any:
+    """The Runge-Kutta map of order four over ``h`` seconds in ``substeps`` equal steps (symbolic or numeric)."""
+    h = h / substeps
+    for _ in range(substeps):
+        k1 = derivative(x)
+        k2 = derivative(x + h / 2 * k1)
+        k3 = derivative(x + h / 2 * k2)
+        k4 = derivative(x + h * k3)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return x
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One component of a state, a control, a context or a parameter.
+
+    Args:
+        name: identifier, unique within its vector.
+        lower, upper: finite bounds of the operating box, in ``unit``.
+        unit: SI unit as text; ``"1"`` where there is none.
+        scale: typical size, in ``unit``; the optimiser sees the coordinate divided by it.
+        period: length of one turn of a periodic coordinate, else ``None``.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    unit: str = "1"
+    scale: float = 1.0
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier():
+            raise ValueError(f"a coordinate's name must be a Python identifier, got {self.name!r}")
+        if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
+            raise ValueError(
+                f"coordinate {self.name!r}: expected finite lower < upper, got [{self.lower}, {self.upper}]"
+            )
+        if not (math.isfinite(self.scale) and self.scale > 0):
+            raise ValueError(f"coordinate {self.name!r}: scale must be positive and finite, got {self.scale}")
+        if self.period is not None and not (math.isfinite(self.period) and self.period > 0):
+            raise ValueError(f"coordinate {self.name!r}: period must be positive and finite or None, got {self.period}")
+
+
+@dataclass(frozen=True)
+class Box:
+    """The box spanned by a vector of coordinates: ``lower`` and ``upper`` of shape (n,)."""
+
+    coordinates: tuple[Coordinate, ...]
+
+    def __post_init__(self) -> None:
+        names = [c.name for c in self.coordinates]
+        if len(set(names)) != len(names):
+            raise ValueError(f"coordinate names must be unique, got {names}")
+
+    def __len__(self) -> int:
+        return len(self.coordinates)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        return tuple(c.name for c in self.coordinates)
+
+    @cached_property
+    def lower(self) -> Array:
+        return frozen_array([c.lower for c in self.coordinates])
+
+    @cached_property
+    def upper(self) -> Array:
+        return frozen_array([c.upper for c in self.coordinates])
+
+    @cached_property
+    def scale(self) -> Array:
+        return frozen_array([c.scale for c in self.coordinates])
+
+    @cached_property
+    def periods(self) -> Array:
+        """Periods, 0 where the coordinate does not repeat; shape (n,)."""
+        return frozen_array([c.period or 0.0 for c in self.coordinates])
+
+    def contains(self, values: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
+        """Whether each row of ``values`` (..., n) lies in the box widened by ``tolerance`` × its width; NaN does not."""
+        margin = tolerance * (self.upper - self.lower)
+        inside = (values >= self.lower - margin) & (values <= self.upper + margin)
+        return np.asarray(inside.all(axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """ẋ = f(x, u, c) with its coordinates and the nominal values of its constants.
+
+    Args:
+        name: what the system is called.
+        state: coordinates of x.
+        control: coordinates of u.
+        constants: nominal value of every physical constant, by name. The dynamics see symbols, so another mass is
+            another value of the same declaration (:meth:`with_constants`), not another function.
+        dynamics: f, called with sequences of scalars and a namespace of constants; returns the nx components of ẋ.
+    """
+
+    name: str
+    state: Box
+    control: Box
+    constants: Mapping[str, float]
+    dynamics: Dynamics
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "constants", MappingProxyType({k: float(v) for k, v in self.constants.items()}))
+        for key, value in self.constants.items():
+            if not math.isfinite(value):
+                raise ValueError(f"{self.name}: constant {key!r} must be finite, got {value}")
+        x, u = ca.SX.sym("x", self.nx), ca.SX.sym("u", self.nu)
+        rate = self.derivative(x, u, {})
+        if rate.shape != (self.nx, 1):
+            raise ValueError(f"{self.name}: dynamics returned {rate.shape[0]} components, expected {self.nx}")
+
+    @property
+    def nx(self) -> int:
+        return len(self.state)
+
+    @property
+    def nu(self) -> int:
+        return len(self.control)
+
+    def derivative(self, x: Any, u: Any, constants: Mapping[str, Any]) -> Any:
+        """ẋ (nx, 1) as an expression; ``constants`` replace nominal values by name."""
+        namespace = SimpleNamespace(**{**self.constants, **constants})
+        return ca.vertcat(*self.dynamics(ca.vertsplit(x), ca.vertsplit(u), namespace))
+
+    def with_constants(self, **values: float) -> System:
+        """The same system with other physical constants, for instance ``with_constants(mass=0.6)``.
+
+        Raises:
+            ValueError: a name the system does not have.
+        """
+        unknown = sorted(set(values) - set(self.constants))
+        if unknown:
+            raise ValueError(f"{self.name} has no constant {unknown}; its constants are {sorted(self.constants)}")
+        return dataclasses.replace(self, constants={**self.constants, **values})
+
+    def difference(self, a: Any, b: Any) -> Any:
+        """a − b with periodic coordinates taken the short way round: the only place where angles are wrapped.
+
+        Args:
+            a, b: arrays (..., nx), or CasADi columns (nx, 1).
+        """
+        if isinstance(a, (ca.SX, ca.MX)) or isinstance(b, (ca.SX, ca.MX)):
+            delta = ca.vertsplit(a - b)
+            return ca.vertcat(*[wrap(d, c.period) if c.period else d for d, c in zip(delta, self.state.coordinates)])
+        delta = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
+        for i, coordinate in enumerate(self.state.coordinates):
+            if coordinate.period is not None:
+                delta[..., i] = wrap(delta[..., i], coordinate.period)
+        return delta
