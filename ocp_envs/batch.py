@@ -64,11 +64,11 @@ class BatchFunction:
             if columns != 1:
                 array = np.ascontiguousarray(array.swapaxes(-1, -2))
             held.append(array)
-            buffer.set_arg(i, memoryview(array))
+            buffer.set_arg(i, memoryview(array.data))
         results = []
         for i, (rows, columns) in enumerate(self._out):
             result = np.empty((size, rows) if columns == 1 else (size, columns, rows))
-            buffer.set_res(i, memoryview(result))
+            buffer.set_res(i, memoryview(result.data))
             results.append(result if columns == 1 else result.swapaxes(-1, -2))
         trigger()
         return results

@@ -5,8 +5,9 @@
                 x, u in their boxes,   h(x, s, c) ≥ 0,   t_f in its bounds
 
 The parameter p of the problem is what the start and the context are made of: a component of p names a state coordinate
-(the start there), or anything else (a *context* coordinate s that stays constant over an episode; where it carries the name
-of a physical constant it replaces that constant). ``start(p) → (x_0, s)`` and ``parameters_of(x, s) → p`` are inverses.
+(the start there), or anything else (a *context* coordinate s that stays constant over an episode; where it carries the
+name of a physical constant it replaces that constant). ``start(p) → (x_0, s)`` and ``parameters_of(x, s) → p`` are
+inverses.
 """
 
 from __future__ import annotations
@@ -212,8 +213,9 @@ class OptimalControlProblem:
         if outside.any() and not extrapolate:
             row = int(np.flatnonzero(outside)[0])
             raise OutsideBoxError(
-                f"{self.id}: parameters {array[row]} (row {row}, {int(outside.sum())} of {len(array)} rows) lie outside the "
-                f"box {self.parameters.lower} … {self.parameters.upper}; pass extrapolate=True to go on all the same"
+                f"{self.id}: parameters {array[row]} (row {row}, {int(outside.sum())} of {len(array)} rows) lie "
+                f"outside the box {self.parameters.lower} … {self.parameters.upper}; "
+                "pass extrapolate=True to go on all the same"
             )
         return array
 
@@ -259,7 +261,7 @@ class OptimalControlProblem:
         return ca.vertcat(*self.clearance(ca.vertsplit(x), context, constants))
 
     def flow(self, x: Any, u: Any, s: Any, h: Any, substeps: int, disturbance: Any = 0) -> tuple[Any, Any]:
-        """State after ``h`` seconds under constant u, and the cost of the step: the only Runge-Kutta map of the product.
+        """State after ``h`` seconds under constant u, and the cost of the step: the product's only Runge-Kutta map.
 
         ``disturbance`` (nx, 1) is added to ẋ.
         """
@@ -291,13 +293,19 @@ class OptimalControlProblem:
         h = ca.SX.sym("h")
         return BatchFunction(dense_function("flow", [x, u, s, h], list(self.flow(x, u, s, h, substeps))))
 
-    def batch_linearisation(self, substeps: int) -> BatchFunction:
+    def batch_linearisation(self, substeps: int) -> Callable[[Array, Array, Array, Array], tuple[Array, Array]]:
         """(x, u, s, h (B, 1)) → derivatives of the discrete step, A (B, nx, nx) and B (B, nx, nu)."""
         x, u, s = self.symbols()
         h = ca.SX.sym("h")
         following, _ = self.flow(x, u, s, h, substeps)
-        jacobians = [ca.jacobian(following, x), ca.jacobian(following, u)]
-        return BatchFunction(dense_function("linearisation", [x, u, s, h], jacobians))
+        jacobian = ca.jacobian(following, ca.vertcat(x, u))
+        function = BatchFunction(dense_function("linearisation", [x, u, s, h], [jacobian]))
+
+        def evaluate(x: Array, u: Array, s: Array, h: Array) -> tuple[Array, Array]:
+            (both,) = function(x, u, s, h)
+            return both[:, :, : self.system.nx], both[:, :, self.system.nx :]
+
+        return evaluate
 
     def batch_clearances(self) -> BatchFunction:
         """(x, s) → h (B, nh)."""
@@ -335,4 +343,3 @@ class OptimalControlProblem:
         goal = [self.goal.state.tolist(), self.goal.radius, self.goal.windings.tolist()]
         text = repr((self.id, boxes, goal, self.duration, self.knots, self.substeps, self.rest.tolist(), digits))  # type: ignore[union-attr]
         return hashlib.sha256(text.encode()).hexdigest()[:16]
-

@@ -36,7 +36,8 @@ def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
 
 def wrap(difference: Any, period: float) -> Any:
     """``difference`` moved by whole periods into [-period/2, period/2); NumPy arrays and CasADi expressions alike."""
-    return difference - period * np.floor(difference / period + 0.5)
+    floor = ca.floor if isinstance(difference, (ca.SX, ca.MX)) else np.floor
+    return difference - period * floor(difference / period + 0.5)
 
 
 def rk4_step(derivative: Callable[[Any], Any], x: Any, h: Any, substeps: int = 1) -> Any:
@@ -119,7 +120,7 @@ class Box:
         return frozen_array([c.period or 0.0 for c in self.coordinates])
 
     def contains(self, values: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
-        """Whether each row of ``values`` (..., n) lies in the box widened by ``tolerance`` × its width; NaN does not."""
+        """Whether each row of ``values`` (..., n) is in the box widened by ``tolerance`` × its width (NaN never is)."""
         margin = tolerance * (self.upper - self.lower)
         inside = (values >= self.lower - margin) & (values <= self.upper + margin)
         return np.asarray(inside.all(axis=-1))
@@ -185,8 +186,8 @@ class System:
             a, b: arrays (..., nx), or CasADi columns (nx, 1).
         """
         if isinstance(a, (ca.SX, ca.MX)) or isinstance(b, (ca.SX, ca.MX)):
-            delta = ca.vertsplit(a - b)
-            return ca.vertcat(*[wrap(d, c.period) if c.period else d for d, c in zip(delta, self.state.coordinates)])
+            columns = zip(ca.vertsplit(a - b), self.state.coordinates)
+            return ca.vertcat(*[wrap(d, c.period) if c.period else d for d, c in columns])
         delta = np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)
         for i, coordinate in enumerate(self.state.coordinates):
             if coordinate.period is not None:

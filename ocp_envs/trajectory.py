@@ -97,9 +97,7 @@ class Trajectory:
         if z.ndim != 2 or z.shape[1] != flat_size(knots, nx, nu):
             raise ValueError(f"expected (B, {flat_size(knots, nx, nu)}) flat trajectories, got {z.shape}")
         split = knots * nx
-        return cls(
-            z[:, :split].reshape(-1, knots, nx), z[:, split:-1].reshape(-1, knots - 1, nu), z[:, -1].copy()
-        )
+        return cls(z[:, :split].reshape(-1, knots, nx), z[:, split:-1].reshape(-1, knots - 1, nu), z[:, -1].copy())
 
     @classmethod
     def concatenate(cls, parts: list[Trajectory]) -> Trajectory:

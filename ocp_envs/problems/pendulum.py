@@ -3,12 +3,12 @@ Experts*, section V-A).
 
     θ̇ = ω,   ω̇ = (τ u − m g l sin θ) / (m l²),   L = 1 + u²
 
-θ is measured from the lower equilibrium, all constants are one in the paper's units and are kept as symbols for studies of
-mismatch. The torque is a seventh too weak to hold the pendulum level against gravity for long, so it has to swing; the
+θ is measured from the lower equilibrium; all constants are one in the paper's units and are kept by name for studies of
+mismatch. The largest torque just balances gravity when the pendulum is level, so from most starts it has to swing. The
 goal is upright at rest, θ = π modulo 2π, and the optimum jumps between the windings θ_f = −π, π and 3π.
 
-The paper prints θ_0 ∈ [−π, π]; its cluster sizes are those of [0, 2π], the same box seen from upright, which is used here.
-The paper gives neither an operating box nor bounds of t_f; those are decisions of this project.
+The paper prints θ_0 ∈ [−π, π]; its cluster sizes are those of [0, 2π], the same box seen from upright, used here. The
+paper gives neither an operating box nor bounds of t_f; those are decisions of this project.
 """
 
 from __future__ import annotations
@@ -69,7 +69,9 @@ PENDULUM = OptimalControlProblem(
     ),
     parameters=Box((Coordinate("theta", 0.0, 2 * np.pi, "rad"), Coordinate("omega", -2.0, 2.0, "rad/s"))),
     cost_rate=cost_rate,
-    goal=Goal(state=[np.pi, 0.0], radius=0.1, windings=[[-1, 0], [0, 0], [1, 0]], control=[0.0]),
+    goal=Goal(
+        state=np.array([np.pi, 0.0]), radius=0.1, windings=np.array([[-1, 0], [0, 0], [1, 0]]), control=np.zeros(1)
+    ),
     duration=(0.1, 8.0),
     knots=25,
     substeps=1,

@@ -1,8 +1,8 @@
-"""Quadcopter from rest to rest, free and round a sphere (Tang & Hauser, section V-C; model of Mellinger, Michael & Kumar,
-*Trajectory generation and control for precise aggressive maneuvers with quadrotors*, 2012).
+"""Quadcopter from rest to rest, free and round a sphere (Tang & Hauser, section V-C; model of Mellinger, Michael &
+Kumar, *Trajectory generation and control for precise aggressive maneuvers with quadrotors*, 2012).
 
-Angles are Z-X-Y Euler angles: yaw ψ, roll φ, pitch θ, singular at φ = ±π/2. Rotor thrusts u_1 … u_4 are in newtons, T is
-their sum, k the ratio of a rotor's moment to its thrust:
+Angles are Z-X-Y Euler angles: yaw ψ, roll φ, pitch θ, singular at φ = ±π/2. Rotor thrusts u_1 … u_4 are in newtons,
+T is their sum, k the ratio of a rotor's moment to its thrust:
 
     ẍ = (sin θ cos ψ + cos θ sin φ sin ψ) T/m
     ÿ = (sin θ sin ψ − cos θ sin φ cos ψ) T/m
@@ -92,7 +92,7 @@ SYSTEM = System(
     constants=CONSTANTS,
     dynamics=dynamics,
 )
-GOAL = Goal(state=np.zeros(12), radius=0.1, windings=[[0] * 12], control=[HOVER_THRUST] * 4)
+GOAL = Goal(state=np.zeros(12), radius=0.1, windings=np.zeros((1, 12), np.int64), control=np.full(4, HOVER_THRUST))
 START = tuple(Coordinate(n, -10.0, 10.0, "m") for n in ("x", "y", "z"))
 
 QUADCOPTER = OptimalControlProblem(

@@ -1,0 +1,179 @@
+import dataclasses
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ocp_envs.problem import Goal, OptimalControlProblem, OutsideBoxError
+from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.quadcopter import HOVER_THRUST, QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.system import Box, Coordinate
+from ocp_envs.trajectory import Trajectory
+
+PROBLEMS = list(dict.fromkeys([*BENCHMARK, QUADCOPTER, QUADCOPTER_OBSTACLE]))
+every_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
+
+
+def draw(box: Box, size: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(box.lower, box.upper, size=(size, len(box)))
+
+
+@every_problem
+def test_start_and_parameters_are_inverses(problem):
+    p = draw(problem.parameters, 20)
+    states, contexts = problem.start(p)
+    assert states.shape == (20, problem.system.nx)
+    assert contexts.shape == (20, len(problem.context))
+    np.testing.assert_array_equal(problem.parameters_of(states, contexts), p)
+
+
+@every_problem
+def test_the_goal_is_an_equilibrium_within_the_boxes(problem):
+    x, u, s = problem.goal.state[None], problem.goal.control[None], draw(problem.context, 1)
+    rate, _ = problem.batch_rate()(x, u, s)
+    np.testing.assert_allclose(rate, 0, atol=1e-12)
+    assert problem.system.state.contains(problem.targets).all()
+    assert problem.system.control.contains(u).all()
+    np.testing.assert_allclose(problem.goal_error(problem.targets), 0, atol=1e-12)
+
+
+@every_problem
+def test_starts_lie_in_the_operating_box(problem):
+    corners = np.stack([problem.parameters.lower, problem.parameters.upper])
+    assert problem.system.state.contains(problem.start(corners)[0]).all()
+
+
+@every_problem
+def test_linearisation_agrees_with_finite_differences(problem):
+    system, size, eps = problem.system, 5, 1e-6
+    x = draw(system.state, size, 1) * 0.5
+    u, s = draw(system.control, size, 2), draw(problem.context, size, 3)
+    h = np.full((size, 1), 0.05)
+    flow = problem.batch_flow(2)
+    a, b = problem.batch_linearisation(2)(x, u, s, h)
+    for i in range(system.nx):
+        e = eps * np.eye(system.nx)[i]
+        np.testing.assert_allclose(
+            a[:, :, i], (flow(x + e, u, s, h)[0] - flow(x - e, u, s, h)[0]) / (2 * eps), atol=2e-6
+        )
+    for i in range(system.nu):
+        e = eps * np.eye(system.nu)[i]
+        np.testing.assert_allclose(
+            b[:, :, i], (flow(x, u + e, s, h)[0] - flow(x, u - e, s, h)[0]) / (2 * eps), atol=2e-6
+        )
+
+
+@every_problem
+def test_the_fingerprint_tells_problems_apart(problem):
+    assert problem.fingerprint == dataclasses.replace(problem).fingerprint
+    others = [
+        dataclasses.replace(problem, knots=problem.knots + 1),
+        dataclasses.replace(problem, cost_rate=lambda x, u, s, c: problem.cost_rate(x, u, s, c) + 0.01),
+        problem.with_constants(mass=0.77),
+    ]
+    assert len({problem.fingerprint, *(other.fingerprint for other in others)}) == 4
+
+
+def test_the_cost_of_a_step_is_the_integral_of_the_cost_rate():
+    # u constant, so ∫_0^h (1 + u²) dt = h (1 + u²) exactly
+    u = np.array([[0.5]])
+    _, cost = PENDULUM.batch_flow(1)(np.array([[1.0, 0.2]]), u, np.zeros((1, 0)), np.array([[0.3]]))
+    assert cost[0, 0] == pytest.approx(0.3 * 1.25)
+
+
+@given(st.floats(-3, 9), st.floats(-2, 2), st.floats(-1, 1))
+def test_pendulum_point_reflection_about_upright(theta, omega, u):
+    flow = PENDULUM.batch_flow(1)
+    s, h = np.zeros((1, 0)), np.array([[0.1]])
+    there, _ = flow(np.array([[theta, omega]]), np.array([[u]]), s, h)
+    mirrored, _ = flow(np.array([[2 * np.pi - theta, -omega]]), np.array([[-u]]), s, h)
+    np.testing.assert_allclose(mirrored, [[2 * np.pi, 0]] - there, atol=1e-9)
+
+
+def test_quadcopter_falls_freely_and_hovers():
+    rate = QUADCOPTER.batch_rate()
+    x = np.zeros((1, 12))
+    fall, _ = rate(x, np.zeros((1, 4)), np.zeros((1, 0)))
+    np.testing.assert_allclose(fall[0], [0] * 5 + [-9.81] + [0] * 6, atol=1e-12)
+    assert HOVER_THRUST == pytest.approx(0.5 * 9.81 / 4)
+
+
+def test_a_parameter_named_like_a_constant_replaces_it():
+    mass = Coordinate("mass", 0.5, 2.0, "kg")
+    problem = dataclasses.replace(
+        PENDULUM, id="Pendulum-mass", parameters=Box((*PENDULUM.parameters.coordinates, mass))
+    )
+    assert problem.context.names == ("mass",)
+    x, u = np.array([[1.0, 0.0]]), np.array([[1.0]])
+    rate, _ = problem.batch_rate()(x, u, np.array([[2.0]]))
+    assert rate[0, 1] == pytest.approx(0.5 - np.sin(1.0))
+
+
+def test_the_obstacle_is_context_and_clearance_is_the_distance_to_its_surface():
+    p = np.array([[8.0, 8, 8, 4, 4, 4, 3]])
+    states, contexts = QUADCOPTER_OBSTACLE.start(p)
+    assert QUADCOPTER_OBSTACLE.context.names == ("cx", "cy", "cz", "radius")
+    (clearance,) = QUADCOPTER_OBSTACLE.batch_clearances()(states, contexts)
+    assert clearance[0, 0] == pytest.approx(np.sqrt(48) - 3)
+    assert PENDULUM.n_clearances == 0
+    assert PENDULUM.clearances(ca.SX.sym("x", 2), ca.SX.sym("s", 0)).shape == (0, 1)
+
+
+def test_modes_of_the_pendulum_are_its_windings():
+    knots = PENDULUM.knots
+    states = np.zeros((3, knots, 2))
+    states[:, -1, 0] = [-np.pi, np.pi + 1e-4, 3 * np.pi]
+    trajectory = Trajectory(states, np.zeros((3, knots - 1, 1)), np.ones(3))
+    assert PENDULUM.modes.classify(PENDULUM, trajectory, np.zeros((3, knots, 0))).tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("p", [[1.0], [1.0, 2.0, 3.0], [[[1.0, 2.0]]]])
+def test_wrong_parameter_shapes_are_refused(p):
+    with pytest.raises(ValueError, match=r"expected parameters \(theta, omega\)"):
+        PENDULUM.check_parameters(p)
+
+
+def test_parameters_outside_the_box_need_extrapolate_and_nan_never_passes():
+    with pytest.raises(OutsideBoxError, match="extrapolate=True"):
+        PENDULUM.check_parameters([1.0, 2.1])
+    np.testing.assert_array_equal(PENDULUM.check_parameters([1.0, 2.1], extrapolate=True), [[1.0, 2.1]])
+    assert PENDULUM.check_parameters([np.float32(2 * np.pi), 0.0]).shape == (1, 2)
+    with pytest.raises(ValueError, match="finite; row 1"):
+        PENDULUM.check_parameters([[1.0, 0.0], [np.nan, 0.0]], extrapolate=True)
+
+
+def test_the_catalogue_suggests_the_nearest_name():
+    with pytest.raises(UnknownProblemError, match="did you mean 'PendulumSwingup-v0'"):
+        load("PendulumSwingUp-v1")
+    assert "PendulumSwingup-v0" in names()
+    with pytest.raises(ValueError, match="already registered"):
+        add(dataclasses.replace(PENDULUM, knots=30))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"goal": Goal([np.pi], 0.1, [[0]], [0.0])}, "expected a goal"),
+        ({"goal": Goal([np.pi, 0.0], 0.1, [[0, 1]], [0.0])}, "without a period"),
+        ({"duration": (2.0, 1.0)}, "shortest < longest"),
+        ({"knots": 1}, "knots"),
+        ({"rest": np.zeros(3)}, "rest"),
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(changes, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(PENDULUM, **changes)
+
+
+def test_a_goal_needs_a_radius():
+    with pytest.raises(ValueError, match="radius"):
+        Goal([0.0], 0.0, [[0]], [0.0])
+
+
+def test_problems_are_values():
+    assert isinstance(PENDULUM, OptimalControlProblem)
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        PENDULUM.knots = 3
