@@ -10,10 +10,11 @@ from ocp_envs.problem import Goal, OptimalControlProblem, OutsideBoxError
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import HOVER_THRUST, QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.system import Box, Coordinate
 from ocp_envs.trajectory import Trajectory
 
-PROBLEMS = list(dict.fromkeys([*BENCHMARK, QUADCOPTER, QUADCOPTER_OBSTACLE]))
+PROBLEMS = list(dict.fromkeys([*BENCHMARK, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE]))
 every_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
 
 
@@ -72,7 +73,7 @@ def test_the_fingerprint_tells_problems_apart(problem):
     others = [
         dataclasses.replace(problem, knots=problem.knots + 1),
         dataclasses.replace(problem, cost_rate=lambda x, u, s, c: problem.cost_rate(x, u, s, c) + 0.01),
-        problem.with_constants(mass=0.77),
+        problem.with_constants(**{next(iter(problem.system.constants)): 0.77}),
     ]
     assert len({problem.fingerprint, *(other.fingerprint for other in others)}) == 4
 
@@ -177,3 +178,23 @@ def test_problems_are_values():
     assert isinstance(PENDULUM, OptimalControlProblem)
     with pytest.raises(dataclasses.FrozenInstanceError):
         PENDULUM.knots = 3
+
+
+@given(st.floats(-3, 3), st.floats(-5, 5), st.floats(-5, 5))
+def test_vehicle_mirror_and_reversal(theta, u_theta, u_v):
+    flow = VEHICLE.batch_flow(1)
+    s, h = np.zeros((1, 0)), np.array([[0.2]])
+    x, u = np.array([[1.0, -2.0, theta, 1.5]]), np.array([[u_theta, u_v]])
+    there, _ = flow(x, u, s, h)
+    mirror, mirror_u = np.array([-1, 1, -1, 1]), np.array([-1, 1])  # left becomes right
+    np.testing.assert_allclose(flow(x * mirror, u * mirror_u, s, h)[0], there * mirror, atol=1e-12)
+    reverse, reverse_u = np.array([-1, -1, 1, -1]), np.array([-1, -1])  # front becomes back: the path turned by π
+    np.testing.assert_allclose(flow(x * reverse, u * reverse_u, s, h)[0], there * reverse, atol=1e-12)
+
+
+def test_modes_of_the_vehicle_are_winding_times_direction():
+    states = np.zeros((4, VEHICLE.knots, 4))
+    states[:, -1, 2] = [-2 * np.pi, 0, 0, 2 * np.pi]
+    states[:, :, 3] = np.array([1.0, -1.0, 1.0, -1.0])[:, None]
+    trajectory = Trajectory(states, np.zeros((4, VEHICLE.knots - 1, 2)), np.ones(4))
+    assert VEHICLE.modes.classify(VEHICLE, trajectory, np.zeros((4, VEHICLE.knots, 0))).tolist() == [1, 2, 3, 4]
