@@ -1,0 +1,46 @@
+"""Learning the solutions of parametric optimal control problems, and following what was learnt.
+
+Names are imported on first use, so that what one does not use need not be installed (Stable-Baselines3 is optional).
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+_HOME = {
+    "moe_policy.networks": ("Argmax", "MixtureOfExperts", "SingleNetwork", "Softmax"),
+    "moe_policy.architectures": ("Architecture", "Experts"),
+    "moe_policy.scaling": ("Standardizer",),
+    "moe_policy.clustering": ("Labels", "cluster"),
+    "moe_policy.fitting": ("PAPER", "TrainingReport", "TrainingSettings"),
+    "moe_policy.training": (
+        "Annealing",
+        "fit_mixture",
+        "fit_mixture_jointly",
+        "fit_single",
+        "retrain",
+        "test_error",
+        "validation_error",
+    ),
+    "moe_policy.planner": ("NearestPlanner", "NetworkPlanner", "Planner"),
+    "moe_policy.optimal": ("SolverPlanner",),
+    "moe_policy.store": ("ModelFileError", "UnknownModelError", "available", "load", "load_file"),
+    "moe_policy.tracking": ("Stabilised", "Stabiliser", "TrackingPolicy"),
+    "moe_policy.rollout": ("Episodes", "rollout"),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = sorted(_MODULE_OF)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(importlib.import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -48,6 +49,10 @@ class BatchFunction:
                 self._buffers.popitem(last=False)
         return self._buffers[size]
 
+    def bind(self, size: int) -> BoundFunction:
+        """The function on ``size`` rows with arrays of its own, for callers that step in place."""
+        return BoundFunction(self.function, size)
+
     def __call__(self, *arguments: Array) -> list[Array]:
         if len(arguments) != len(self._in):
             raise TypeError(f"{self.function.name()} takes {len(self._in)} arguments, got {len(arguments)}")
@@ -72,3 +77,40 @@ class BatchFunction:
             results.append(result if columns == 1 else result.swapaxes(-1, -2))
         trigger()
         return results
+
+
+class BoundFunction:
+    """A dense CasADi function of column vectors on a fixed number of rows, evaluated in place.
+
+    Write into ``inputs``, call the object, read ``outputs``: lists of arrays of shape (size, rows) that are the
+    function's own memory and are overwritten by the next call. Two bound functions share nothing; copying and pickling
+    carry the values over. This is what makes stepping a single environment as cheap as a Python call.
+    """
+
+    def __init__(self, function: ca.Function, size: int) -> None:
+        if size < 1:
+            raise ValueError(f"{function.name()}: expected at least one row, got {size}")
+        self.function = function
+        self.size = size
+        self.inputs = [np.zeros((size, function.size1_in(i))) for i in range(function.n_in())]
+        self.outputs = [np.zeros((size, function.size1_out(i))) for i in range(function.n_out())]
+        # The buffer holds bare pointers: it and the arrays must live as long as the trigger.
+        mapped = function if size == 1 else function.map(size)
+        self._buffer, self._trigger = mapped.buffer()
+        for i, array in enumerate(self.inputs):
+            self._buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate(self.outputs):
+            self._buffer.set_res(i, memoryview(array))
+
+    def __call__(self) -> None:
+        self._trigger()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebind, (self.function, self.size, self.inputs, self.outputs)
+
+
+def _rebind(function: ca.Function, size: int, inputs: list[Array], outputs: list[Array]) -> BoundFunction:
+    bound = BoundFunction(function, size)
+    for own, values in zip(bound.inputs + bound.outputs, inputs + outputs):
+        own[:] = values
+    return bound

@@ -1,0 +1,79 @@
+"""Layer sizes of the benchmark's networks: the paper's (Tang & Hauser, table II), and a default for other problems.
+
+Only hidden layers are named; inputs and outputs follow from the problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from ocp_envs.problem import OptimalControlProblem
+
+Hidden = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Experts:
+    """Hidden layers of an expert; ``large`` for a cluster of more samples than the average one."""
+
+    small: Hidden
+    large: Hidden
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """Hidden layers of a problem's networks.
+
+    Args:
+        single: the single network.
+        gate: the mixture's classifier.
+        experts: the mixture's regressors.
+        kmeans_experts: the regressors on k-means clusters where they differ, else ``None``.
+    """
+
+    single: Hidden
+    gate: Hidden
+    experts: Experts
+    kmeans_experts: Experts | None = None
+
+    def __post_init__(self) -> None:
+        parts = [self.single, self.gate]
+        for experts in (self.experts, self.kmeans_experts or self.experts):
+            parts += [experts.small, experts.large]
+        if any(width < 1 for hidden in parts for width in hidden):
+            raise ValueError(f"hidden layers must have at least one unit, got {parts}")
+
+    def expert(self, size: int, average: float, method: str) -> Hidden:
+        """Hidden layers of the expert of a cluster of ``size`` samples found by ``method``."""
+        experts = self.kmeans_experts if self.kmeans_experts and method.startswith("kmeans") else self.experts
+        return experts.large if size > average else experts.small
+
+
+PAPER_SIZES: Mapping[str, Architecture] = MappingProxyType(
+    {
+        "PendulumSwingup-v0": Architecture((300,), (50,), Experts((20,), (20,))),
+        "GroundVehicle-v0": Architecture((200, 200), (200,), Experts((200,), (500,)), Experts((200,), (300,))),
+        "Quadcopter-v0": Architecture((200,), (50,), Experts((50,), (50,))),
+        "QuadcopterObstacle-v0": Architecture((1000, 1000), (200, 200), Experts((200, 200), (200, 200))),
+    }
+)
+#: Hidden layers of the single networks of the paper's depth ablation on the pendulum, beside (300,).
+PENDULUM_ABLATION: tuple[Hidden, ...] = ((50, 20), (20, 50), (30, 30, 30))
+
+
+def architecture_of(problem: OptimalControlProblem) -> Architecture:
+    """The paper's layer sizes; for a problem of the user's own one hidden layer of 200 units for up to three parameters
+    and two for more, with experts and a gate of a quarter of the width.
+    """
+    if problem.id in PAPER_SIZES:
+        return PAPER_SIZES[problem.id]
+    depth = 1 if len(problem.parameters) <= 3 else 2
+    experts = Experts((50,) * depth, (50,) * depth)
+    return Architecture((200,) * depth, (50,) * depth, experts)
+
+
+def layer_sizes(problem: OptimalControlProblem, hidden: Hidden, outputs: int | None = None) -> tuple[int, ...]:
+    """All layer sizes of a network from p to a flat trajectory, or to ``outputs`` logits."""
+    return (len(problem.parameters), *hidden, problem.flat_size if outputs is None else outputs)

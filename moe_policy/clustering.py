@@ -1,0 +1,178 @@
+"""Partition of samples by the family their optimal trajectory belongs to (Tang & Hauser, section III-D).
+
+The partition is made of solutions, not of parameters: the jumps one wants to find are in the map from one to the other.
+
+- ``custom``: the problem's own modes (final winding, direction of travel, side of the obstacle).
+- ``kmeans``: k-means on flat trajectories, every component standardised.
+- ``kmeans-pca``: the same after a projection on the principal components of the standardised trajectories.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.cluster import KMeans
+from sklearn.decomposition import PCA
+
+from moe_policy.scaling import Array, Standardizer
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+METHODS = ("custom", "kmeans", "kmeans-pca")
+
+
+class Samples(Protocol):
+    """What learning needs of a set of M solved problems; ``ocp_envs.database.Samples`` has it."""
+
+    @property
+    def problem(self) -> OptimalControlProblem: ...
+    @property
+    def parameters(self) -> Array: ...
+    @property
+    def trajectory(self) -> Trajectory: ...
+    @property
+    def mode(self) -> NDArray[np.int64]: ...
+
+
+class SampleSource(Protocol):
+    """What can hand out samples; ``ocp_envs.Database`` can."""
+
+    def samples(self) -> Samples: ...
+
+
+def samples_of(data: Samples | SampleSource) -> Samples:
+    """The samples of a database, or ``data`` itself if it is samples already.
+
+    Raises:
+        TypeError: neither.
+        ValueError: no samples, disagreeing lengths, or values that are not finite.
+    """
+    samples: Any = data.samples() if hasattr(data, "samples") else data
+    missing = [name for name in ("problem", "parameters", "trajectory", "mode") if not hasattr(samples, name)]
+    if missing:
+        raise TypeError(f"expected a Database or its samples, got {type(data).__name__} without {', '.join(missing)}")
+    count = len(samples.parameters)
+    if count == 0 or len(samples.trajectory) != count or np.shape(samples.mode) != (count,):
+        raise ValueError(
+            f"expected as many trajectories and modes as parameters and at least one; got {count} parameters, "
+            f"{len(samples.trajectory)} trajectories, modes of shape {np.shape(samples.mode)}"
+        )
+    samples.problem.check_parameters(samples.parameters, extrapolate=True)
+    if samples.trajectory.flat().shape[1] != samples.problem.flat_size:
+        raise ValueError(f"the trajectories do not have the layout of {samples.problem.id}")
+    if not samples.trajectory.finite.all():
+        bad = int((~samples.trajectory.finite).sum())
+        raise ValueError(f"{bad} of {count} trajectories are not finite; select solved samples only")
+    return samples
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """A partition of M samples into k clusters.
+
+    Args:
+        values: cluster of every sample, (M,) integers in 0 … k−1, none empty.
+        names: name of every cluster, k of them.
+        method: how it was made, one of :data:`METHODS` or a name of the user's own.
+        settings: what it was made with, for the record.
+    """
+
+    values: NDArray[np.int64]
+    names: tuple[str, ...]
+    method: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        values = np.array(self.values)
+        if values.ndim != 1 or not np.issubdtype(values.dtype, np.integer):
+            raise ValueError(f"labels must be a vector of integers, got {values.dtype} of shape {values.shape}")
+        if not np.array_equal(np.unique(values), np.arange(len(self.names))):
+            raise ValueError(
+                f"labels must use each of 0 … {len(self.names) - 1}, one a name; got {np.unique(values).tolist()}"
+            )
+        values = values.astype(np.int64)
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "settings", MappingProxyType(dict(self.settings)))
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def k(self) -> int:
+        """Number of clusters."""
+        return len(self.names)
+
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """Number of samples of every cluster, (k,)."""
+        return np.bincount(self.values, minlength=self.k)
+
+
+def cluster(
+    database: Samples | SampleSource,
+    method: str,
+    *,
+    k: int | None = None,
+    components: int | None = None,
+    seed: int = 0,
+    n_init: int = 10,
+) -> Labels:
+    """Partition the samples of ``database``.
+
+    Args:
+        database: a Database or its samples, M of them.
+        method: ``"custom"``, ``"kmeans"`` or ``"kmeans-pca"``.
+        k: number of clusters, for k-means; ``custom`` has those of the problem's modes that occur.
+        components: number of principal components, for ``kmeans-pca``.
+        seed: source of k-means' initial centres.
+        n_init: number of starts of k-means, the best of which is kept.
+
+    Raises:
+        ValueError: an unknown method, or arguments that do not belong to it.
+    """
+    if method not in METHODS:
+        nearest = difflib.get_close_matches(str(method), METHODS, n=1)
+        hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+        raise ValueError(f"unknown clustering method {method!r}; {hint}known are {list(METHODS)}")
+    if (method != "kmeans-pca") != (components is None):
+        raise ValueError(f"'components' is needed by 'kmeans-pca' and by nothing else; got {method!r} and {components}")
+    if (method == "custom") != (k is None):
+        raise ValueError(f"'k' is needed by k-means and not by 'custom'; got method {method!r} and k = {k}")
+    samples = samples_of(database)
+    if k is None:
+        return _by_mode(samples)
+    return _by_kmeans(samples, method, k, components, seed, n_init)
+
+
+def _by_mode(samples: Samples) -> Labels:
+    present, values = np.unique(samples.mode, return_inverse=True)
+    names = samples.problem.modes.names
+    if present[0] < 0 or present[-1] >= len(names):
+        raise ValueError(f"modes must lie in 0 … {len(names) - 1}, got {present.tolist()}")
+    return Labels(values, tuple(names[mode] for mode in present), "custom", {"modes": present.tolist()})
+
+
+def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, seed: int, n_init: int) -> Labels:
+    flat = samples.trajectory.flat()
+    if not 1 <= k <= len(flat):
+        raise ValueError(f"k must lie in 1 … {len(flat)}, the number of samples; got {k}")
+    features = Standardizer.fit(flat).scale(flat)
+    settings: dict[str, Any] = {"k": k, "seed": seed, "n_init": n_init}
+    if components is not None:
+        if not 1 <= components <= min(flat.shape):
+            raise ValueError(f"components must lie in 1 … {min(flat.shape)}, got {components}")
+        projection = PCA(n_components=components, svd_solver="full").fit(features)
+        features = projection.transform(features)
+        settings |= {"components": components, "explained": float(projection.explained_variance_ratio_.sum())}
+    fitted = KMeans(n_clusters=k, n_init=n_init, random_state=seed).fit(features)
+    # Identical trajectories can leave fewer clusters than asked for.
+    present, values = np.unique(fitted.labels_, return_inverse=True)
+    settings["inertia"] = float(fitted.inertia_)
+    return Labels(values, tuple(f"cluster {i}" for i in range(len(present))), method, settings)

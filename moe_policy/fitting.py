@@ -1,0 +1,256 @@
+"""Minimisation of one loss on minibatches, and the record of it.
+
+Adam (Kingma & Ba, 2015) on shuffled minibatches; the loss on the test split is taken after every epoch, decides when to
+stop, and which weights to keep. The learning rate of epoch e of E follows half a cosine,
+
+    η_e = η (f + (1 − f) (1 + cos(π e / E)) / 2),   f = final_fraction; f = 1 is a constant rate.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from tqdm import tqdm
+
+#: (inputs, wanted outputs, epoch) → mean loss of the batch.
+Loss = Callable[[Tensor, Tensor, int], Tensor]
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How networks are trained; the same values serve single networks and mixtures.
+
+    Args:
+        epochs: largest number of passes over the training split.
+        patience: stop after so many epochs without a better test loss; ``None`` never stops early.
+        batch: minibatch of regressors.
+        gate_batch: minibatch of gates.
+        learning_rate: Adam's step η.
+        final_fraction: the learning rate at the end as a fraction of η; 1 keeps it constant.
+        test_share: share of the samples in the test split.
+    """
+
+    epochs: int = 1500
+    patience: int | None = None
+    batch: int = 64
+    gate_batch: int = 256
+    learning_rate: float = 3e-3
+    final_fraction: float = 0.01
+    test_share: float = 0.2
+
+    def __post_init__(self) -> None:
+        for name in ("epochs", "batch", "gate_batch"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+        if self.patience is not None and self.patience < 1:
+            raise ValueError(f"patience must be at least 1 or None, got {self.patience}")
+        if not (math.isfinite(self.learning_rate) and self.learning_rate > 0):
+            raise ValueError(f"learning_rate must be positive, got {self.learning_rate}")
+        if not 0 < self.final_fraction <= 1:
+            raise ValueError(f"final_fraction must lie in (0, 1], got {self.final_fraction}")
+        if not 0 < self.test_share < 1:
+            raise ValueError(f"test_share must lie in (0, 1), got {self.test_share}")
+
+    def rate(self, epoch: int) -> float:
+        """η of ``epoch`` (from 0)."""
+        f = self.final_fraction
+        return self.learning_rate * (f + (1 - f) * (1 + math.cos(math.pi * epoch / self.epochs)) / 2)
+
+
+#: The project's own settings.
+DEFAULT = TrainingSettings()
+#: The settings printed by Tang & Hauser.
+PAPER = TrainingSettings(epochs=1500, patience=8, learning_rate=1e-3, final_fraction=1.0)
+
+
+@dataclass(frozen=True)
+class PartReport:
+    """The training of one network, or of a whole mixture at once.
+
+    Args:
+        name: ``"single"``, ``"gate"``, ``"expert 0"`` …, ``"mixture"``.
+        training_samples, test_samples: sizes of its splits.
+        training_losses, test_losses: mean loss of every epoch.
+        best_epoch: the epoch (from 0) whose weights were kept.
+        test_loss: their loss on the test split: smooth L1 on standardised outputs, cross entropy for a gate.
+        seconds: wall time.
+        accuracy: a gate's share of correct choices on the test split.
+    """
+
+    name: str
+    training_samples: int
+    test_samples: int
+    training_losses: tuple[float, ...]
+    test_losses: tuple[float, ...]
+    best_epoch: int
+    test_loss: float
+    seconds: float
+    accuracy: float | None = None
+
+    @property
+    def epochs(self) -> int:
+        """Epochs that were run."""
+        return len(self.test_losses)
+
+    def summary(self) -> dict[str, Any]:
+        """The record without its curves."""
+        record = asdict(self)
+        del record["training_losses"], record["test_losses"]
+        return record | {"epochs": self.epochs}
+
+
+@dataclass(frozen=True)
+class TrainingReport:
+    """All parts of one training, in order.
+
+    Args:
+        parts: the networks that were trained.
+        test_error: smooth L1 on standardised outputs of the finished planner on the test split.
+    """
+
+    parts: tuple[PartReport, ...]
+    test_error: float
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of all parts."""
+        return sum(part.seconds for part in self.parts)
+
+    def part(self, name: str) -> PartReport:
+        """The part called ``name``.
+
+        Raises:
+            KeyError: no such part.
+        """
+        for part in self.parts:
+            if part.name == name:
+                return part
+        raise KeyError(f"no part {name!r}; there are {[part.name for part in self.parts]}")
+
+    def summary(self) -> dict[str, Any]:
+        """What is saved with a model."""
+        parts = [part.summary() for part in self.parts]
+        return {"test_error": self.test_error, "seconds": self.seconds, "parts": parts}
+
+
+@dataclass(frozen=True)
+class Split:
+    """Row numbers of the training and of the test samples."""
+
+    training: NDArray[np.int64]
+    test: NDArray[np.int64]
+
+    @classmethod
+    def draw(cls, count: int, test_share: float, seed: int) -> Split:
+        """A random split of ``count`` rows: the same for every model of one seed.
+
+        Raises:
+            ValueError: fewer than two rows.
+        """
+        if count < 2:
+            raise ValueError(f"a split into training and test needs at least two samples, got {count}")
+        order = np.random.default_rng((seed, 0)).permutation(count)
+        test = min(max(round(test_share * count), 1), count - 1)
+        return cls(np.sort(order[test:]), np.sort(order[:test]))
+
+    def within(self, rows: NDArray[np.bool_]) -> Split:
+        """The split restricted to the rows of a mask; where no test row is left, the training rows test."""
+        training, test = self.training[rows[self.training]], self.test[rows[self.test]]
+        return Split(training, test if len(test) else training)
+
+
+def generator_for(seed: int, *stream: int) -> torch.Generator:
+    """The random numbers of one purpose in one training, independent of every other stream's."""
+    state = int(np.random.SeedSequence((seed, 1, *stream)).generate_state(1, np.uint64)[0])
+    return torch.Generator().manual_seed(state)
+
+
+def minimise(
+    parameters: Sequence[torch.nn.Parameter],
+    loss: Loss,
+    inputs: Tensor,
+    outputs: Tensor,
+    split: Split,
+    *,
+    name: str,
+    batch: int,
+    settings: TrainingSettings,
+    generator: torch.Generator,
+    settled: int = 0,
+) -> PartReport:
+    """Minimise ``loss`` over ``parameters``, which hold the best weights afterwards.
+
+    Args:
+        parameters: what is changed.
+        loss: mean loss of a batch.
+        inputs, outputs: (M, …) of all samples.
+        split: which of them train and which test.
+        name: name of the part, for the record and the progress bar.
+        batch: size of a minibatch.
+        settings: epochs, patience and learning rate.
+        generator: order of the minibatches.
+        settled: first epoch whose weights may be kept, for a loss that changes before.
+
+    Raises:
+        FloatingPointError: the loss is no longer finite.
+    """
+    began = time.perf_counter()
+    parameters = list(parameters)
+    x, y = inputs[torch.from_numpy(split.training)], outputs[torch.from_numpy(split.training)]
+    test_x, test_y = inputs[torch.from_numpy(split.test)], outputs[torch.from_numpy(split.test)]
+    optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate, fused=True)
+    training_losses: list[float] = []
+    test_losses: list[float] = []
+    best_epoch, best = settled, [p.detach().clone() for p in parameters]
+    for epoch in tqdm(range(settings.epochs), desc=name, disable=None, leave=False):
+        optimiser.param_groups[0]["lr"] = settings.rate(epoch)
+        training_losses.append(_one_epoch(optimiser, loss, x, y, batch, epoch, generator))
+        with torch.no_grad():
+            test_losses.append(float(loss(test_x, test_y, epoch)))
+        if not math.isfinite(training_losses[-1] + test_losses[-1]):
+            raise FloatingPointError(f"{name}: the loss is not finite in epoch {epoch}; lower learning_rate")
+        if epoch <= settled or test_losses[-1] < test_losses[best_epoch]:
+            best_epoch, best = epoch, [p.detach().clone() for p in parameters]
+        elif settings.patience is not None and epoch - best_epoch >= settings.patience:
+            break
+    with torch.no_grad():
+        for parameter, kept in zip(parameters, best):
+            parameter.copy_(kept)
+    return PartReport(
+        name,
+        len(x),
+        len(test_x),
+        tuple(training_losses),
+        tuple(test_losses),
+        best_epoch,
+        test_losses[best_epoch],
+        time.perf_counter() - began,
+    )
+
+
+def _one_epoch(
+    optimiser: torch.optim.Optimizer,
+    loss: Loss,
+    x: Tensor,
+    y: Tensor,
+    batch: int,
+    epoch: int,
+    generator: torch.Generator,
+) -> float:
+    order = torch.randperm(len(x), generator=generator)
+    total = torch.zeros(())
+    for batch_x, batch_y in zip(x[order].split(batch), y[order].split(batch)):
+        value = loss(batch_x, batch_y, epoch)
+        optimiser.zero_grad(set_to_none=True)
+        value.backward()
+        optimiser.step()
+        total += value.detach() * len(batch_x)
+    return float(total) / len(x)

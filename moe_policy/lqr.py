@@ -1,0 +1,142 @@
+"""Discrete linear-quadratic regulators: at the goal, and along a plan.
+
+With A and B the derivatives of the *discrete* step x⁺ = F(x, u) of ``dt`` seconds, the cost Σ δxᵀQδx + δuᵀRδu has the
+backward Riccati recursion (Anderson & Moore, *Optimal Control: Linear Quadratic Methods*, chapter 2)
+
+    K = (R + BᵀPB)⁻¹ BᵀPA,    P ← Q + AᵀP(A − BK),    δu = −K δx.
+
+Along a plan it starts from the terminal weight at the plan's last tick. At the goal A and B are constant and P is the
+stabilising solution of the algebraic Riccati equation, found by python-control.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.simulation import Simulator
+from ocp_envs.system import frozen_array
+
+Array = NDArray[np.float64]
+
+#: The recursion linearises at most this many different numbers of plans, see :meth:`Regulator.along`.
+_SIZES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingWeights:
+    """Weights of the tracking cost, one sum over ticks.
+
+    Args:
+        state: diagonal of Q, (nx,).
+        control: diagonal of R, (nu,), positive.
+        terminal: weight of the error at the end of a plan, (nx, nx); by default the solution of the algebraic Riccati
+            equation at the goal (what the hold will cost), and 10 Q where the goal cannot be held.
+    """
+
+    state: Array
+    control: Array
+    terminal: Array | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "state", frozen_array(self.state))
+        object.__setattr__(self, "control", frozen_array(self.control))
+        if self.terminal is not None:
+            object.__setattr__(self, "terminal", frozen_array(self.terminal))
+        if not (np.isfinite(self.state).all() and (self.state >= 0).all()):
+            raise ValueError(f"state weights must be finite and not negative, got {self.state}")
+        if not (np.isfinite(self.control).all() and (self.control > 0).all()):
+            raise ValueError(f"control weights must be finite and positive, got {self.control}")
+
+    @classmethod
+    def default(cls, problem: OptimalControlProblem) -> TrackingWeights:
+        """Q = I and R = 0.1 I in SI units, which serve all benchmark problems."""
+        return cls(np.ones(problem.system.nx), np.full(problem.system.nu, 0.1))
+
+
+class Regulator:
+    """Feedback gains for one problem and one control period.
+
+    Args:
+        problem: the problem.
+        dt: control period, seconds.
+        weights: tracking weights; :meth:`TrackingWeights.default` where not given.
+
+    Attributes:
+        hold: gain at the goal, (nu, nx); zero where the goal cannot be held.
+        terminal: weight at the end of a plan, (nx, nx).
+
+    Raises:
+        ValueError: weights of the wrong shape, a control period that is not positive and finite.
+    """
+
+    def __init__(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> None:
+        weights = weights or TrackingWeights.default(problem)
+        nx, nu = problem.system.nx, problem.system.nu
+        terminal = weights.terminal
+        if weights.state.shape != (nx,) or weights.control.shape != (nu,):
+            raise ValueError(
+                f"{problem.id}: expected state weights ({nx},) and control weights ({nu},), "
+                f"got {weights.state.shape} and {weights.control.shape}"
+            )
+        if terminal is not None and terminal.shape != (nx, nx):
+            raise ValueError(f"{problem.id}: expected a terminal weight ({nx}, {nx}), got {terminal.shape}")
+        self.problem, self.dt, self.weights = problem, float(dt), weights
+        self._linearise = problem.batch_linearisation(Simulator(problem, dt).substeps)
+        self.hold, cost_to_go = self._at_goal()
+        self.terminal: Array = cost_to_go if terminal is None else terminal
+
+    def _at_goal(self) -> tuple[Array, Array]:
+        """Gain and cost-to-go matrix of the hold; the context is the middle of its box."""
+        problem, weights = self.problem, self.weights
+        if problem.hold == 0:
+            return np.zeros((problem.system.nu, problem.system.nx)), 10 * np.diag(weights.state)
+        context = (problem.context.lower + problem.context.upper) / 2
+        a, b = self.linearise(problem.goal.state[None], problem.goal.control[None], context[None])
+        gain, cost_to_go, _ = control.dlqr(a[0], b[0], np.diag(weights.state), np.diag(weights.control))
+        return np.asarray(gain), np.asarray(cost_to_go)
+
+    def linearise(self, states: Array, controls: Array, contexts: Array) -> tuple[Array, Array]:
+        """A (B, nx, nx) and B (B, nx, nu) of the step of ``dt`` seconds at (B, nx), (B, nu), (B, nc)."""
+        size, nx, nu = len(states), self.problem.system.nx, self.problem.system.nu
+        a, b = self._linearise(states, controls, contexts, np.full((size, 1), self.dt))
+        return np.ascontiguousarray(a).reshape(size, nx, nx), np.ascontiguousarray(b).reshape(size, nx, nu)
+
+    def along(self, states: Array, controls: Array, contexts: Array, ticks: NDArray[np.int64]) -> Array:
+        """Time-varying gains along plans of different lengths.
+
+        Args:
+            states: (B, T+1, nx), references at the ticks.
+            controls: (B, T, nu), feed-forward of each tick.
+            contexts: (B, nc).
+            ticks: (B,), length of each plan, at most T.
+
+        Returns:
+            (B, T+1, nu, nx): from a plan's last tick on, the gain of the hold.
+        """
+        size, longest, nu = controls.shape
+        nx = states.shape[2]
+        gains = np.empty((size, longest + 1, nu, nx))
+        gains[:] = self.hold
+        # The longest plans first: at each tick the plans under way are a prefix. Prefixes are rounded up to a few
+        # sizes, because each new batch size costs the setting up of a mapped function.
+        order = np.argsort(-ticks, kind="stable")
+        under_way = np.searchsorted(-ticks[order], -np.arange(longest), side="left")
+        unit = -(-size // _SIZES)
+        q, r = np.diag(self.weights.state), np.diag(self.weights.control)
+        p = np.tile(self.terminal, (size, 1, 1))
+        for k in range(longest - 1, -1, -1):
+            n = int(under_way[k])
+            padded = order[: min(size, -(-n // unit) * unit)]
+            a, b = self.linearise(states[padded, k], controls[padded, k], contexts[padded])
+            a, b, rows = a[:n], b[:n], order[:n]
+            bp = b.swapaxes(1, 2) @ p[:n]
+            gain = np.linalg.solve(r + bp @ b, bp @ a)
+            gains[rows, k] = gain
+            following = q + a.swapaxes(1, 2) @ p[:n] @ (a - b @ gain)
+            p[:n] = (following + following.swapaxes(1, 2)) / 2
+        return gains

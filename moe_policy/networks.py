@@ -1,0 +1,118 @@
+"""Networks: shapes and forward passes only.
+
+A single network is a multilayer perceptron with LeakyReLU(0.2) between its layers and a linear output. A mixture of r
+experts (Tang & Hauser, section III-C) has a gate c(p) ∈ ℝ^r and regressors y_i(p):
+
+    z(p) = Σ_i P_i(p) y_i(p),   P = softmax(c / ε)   or, in the limit ε → 0,   P_i = 1 for i = argmax c, else 0
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional as F
+
+NEGATIVE_SLOPE = 0.2
+
+
+@dataclass(frozen=True)
+class Argmax:
+    """The expert with the largest logit alone; no gradient reaches the gate."""
+
+
+@dataclass(frozen=True)
+class Softmax:
+    """All experts, weighted by softmax(c / ε); ``epsilon`` = ε > 0."""
+
+    epsilon: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.epsilon) and self.epsilon > 0):
+            raise ValueError(f"epsilon must be positive and finite, got {self.epsilon}; its limit 0 is Argmax()")
+
+
+Mixing = Argmax | Softmax
+ARGMAX = Argmax()
+
+
+class SingleNetwork(nn.Module):
+    """A multilayer perceptron.
+
+    Args:
+        sizes: sizes of all layers, input and output included, such as ``(2, 300, 75)``.
+        generator: source of the initial weights, uniform in ±1/√(inputs of the layer) (PyTorch's own default for linear
+            layers, drawn without touching the global state); ``None`` leaves them zero, to be loaded.
+    """
+
+    def __init__(self, sizes: Sequence[int], generator: torch.Generator | None = None) -> None:
+        super().__init__()
+        self.sizes = tuple(int(size) for size in sizes)
+        if len(self.sizes) < 2 or min(self.sizes) < 1:
+            raise ValueError(f"sizes must name at least an input and an output layer, all positive; got {self.sizes}")
+        self.weights = nn.ParameterList()
+        self.biases = nn.ParameterList()
+        for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:]):
+            bound = 1 / math.sqrt(inputs)
+            for parameters, shape in ((self.weights, (outputs, inputs)), (self.biases, (outputs,))):
+                values = torch.zeros(shape)
+                parameters.append(
+                    nn.Parameter(values.uniform_(-bound, bound, generator=generator) if generator else values)
+                )
+
+    def forward(self, x: Tensor) -> Tensor:
+        """Outputs (B, sizes[-1]) of inputs (B, sizes[0])."""
+        last = len(self.weights) - 1
+        for i, (weight, bias) in enumerate(zip(self.weights, self.biases)):
+            x = F.linear(x, weight, bias)
+            if i < last:
+                x = F.leaky_relu(x, NEGATIVE_SLOPE)
+        return x
+
+
+class MixtureOfExperts(nn.Module):
+    """A gate and its experts, which may have hidden layers of different sizes.
+
+    Args:
+        gate: network from inputs to r logits.
+        experts: r networks from the same inputs to the same outputs.
+    """
+
+    def __init__(self, gate: SingleNetwork, experts: Sequence[SingleNetwork]) -> None:
+        super().__init__()
+        if not experts or gate.sizes[-1] != len(experts):
+            raise ValueError(f"a gate with {gate.sizes[-1]} logits needs as many experts, got {len(experts)}")
+        ends = {(expert.sizes[0], expert.sizes[-1]) for expert in experts}
+        if len(ends) != 1 or experts[0].sizes[0] != gate.sizes[0]:
+            raise ValueError(
+                f"gate and experts must share their inputs, and experts their outputs; got gate {gate.sizes}, "
+                f"experts {[expert.sizes for expert in experts]}"
+            )
+        self.gate = gate
+        self.experts = nn.ModuleList(experts)
+
+    def forward(self, x: Tensor, mixing: Mixing) -> Tensor:
+        """Outputs (B, R) of inputs (B, inputs)."""
+        logits = self.gate(x)
+        if isinstance(mixing, Softmax):
+            probabilities = torch.softmax(logits / mixing.epsilon, dim=1)
+            return torch.einsum("bk,kbr->br", probabilities, self.all_experts(x))
+        choice = logits.argmax(dim=1)
+        outputs = x.new_zeros(len(x), self.experts[0].sizes[-1])  # type: ignore[index, arg-type]
+        for i, expert in enumerate(self.experts):
+            rows = (choice == i).nonzero(as_tuple=True)[0]
+            if len(rows):
+                outputs = outputs.index_copy(0, rows, expert(x[rows]))
+        return outputs
+
+    def all_experts(self, x: Tensor) -> Tensor:
+        """Predictions of every expert, (r, B, R), of inputs (B, inputs)."""
+        return torch.stack([expert(x) for expert in self.experts])
+
+
+def count_parameters(module: nn.Module) -> int:
+    """Number of trainable values of ``module``."""
+    return sum(parameter.numel() for parameter in module.parameters())

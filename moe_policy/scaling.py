@@ -1,0 +1,72 @@
+"""Standardisation: z ↦ (z − mean) / std, column by column, in float64.
+
+A column whose standard deviation is below 1e-3 (a goal state that is the same in every sample) is only shifted: its std
+is set to 1, as in Tang & Hauser's experiments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+SMALLEST_DEVIATION = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Standardizer:
+    """Mean and standard deviation of n columns.
+
+    Args:
+        mean: (n,), finite.
+        std: (n,), finite and positive.
+    """
+
+    mean: Array
+    std: Array
+
+    def __post_init__(self) -> None:
+        for name in ("mean", "std"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+        if self.mean.ndim != 1 or self.mean.shape != self.std.shape:
+            raise ValueError(f"expected mean (n,) and std (n,), got {self.mean.shape} and {self.std.shape}")
+        if not (np.isfinite(self.mean).all() and np.isfinite(self.std).all() and (self.std > 0).all()):
+            raise ValueError("mean and std must be finite and std positive; fit on finite data")
+
+    def __len__(self) -> int:
+        return len(self.mean)
+
+    @classmethod
+    def fit(cls, values: ArrayLike) -> Standardizer:
+        """The standardizer of the rows of ``values`` (M, n), M ≥ 1: the training split, never all data.
+
+        Raises:
+            ValueError: no rows, not two axes, or a value that is not finite.
+        """
+        array = np.asarray(values, dtype=np.float64)
+        if array.ndim != 2 or len(array) == 0:
+            raise ValueError(f"expected values of shape (M, n) with at least one row, got {array.shape}")
+        if not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+            raise ValueError(f"values to standardise must be finite; row {row} is not: drop unsolved samples first")
+        std = array.std(axis=0)
+        return cls(array.mean(axis=0), np.where(std < SMALLEST_DEVIATION, 1.0, std))
+
+    def _checked(self, values: ArrayLike) -> Array:
+        array = np.asarray(values, dtype=np.float64)
+        if array.shape[-1:] != self.mean.shape:
+            raise ValueError(f"expected {len(self)} columns, got values of shape {array.shape}")
+        return array
+
+    def scale(self, values: ArrayLike) -> Array:
+        """Standardised values, (..., n) → (..., n)."""
+        return (self._checked(values) - self.mean) / self.std
+
+    def unscale(self, values: ArrayLike) -> Array:
+        """The inverse of :meth:`scale`, (..., n) → (..., n)."""
+        return self._checked(values) * self.std + self.mean

@@ -1,0 +1,92 @@
+"""The independent check of a solution: NumPy and ``problem.flow``, nothing of the solver or its program."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
+
+DEFECT_TOLERANCE = 1e-6
+#: The transcription's box around the goal (1e-5) and the solver's own tolerance.
+GOAL_TOLERANCE = 2e-5
+BOUND_TOLERANCE = 1e-6
+COST_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What the check of B trajectories found, every array (B,); NaN where a trajectory is not finite.
+
+    Args:
+        defect: largest error of the start and of x_{k+1} − F(x_k, u_k), in scaled units.
+        goal: largest distance of a final coordinate from the goal (modulo whole turns), in scaled units.
+        bounds: largest excess over a bound of state, control or duration, in scaled units.
+        path: largest violation of the path constraint at the knots, in its own unit.
+        cost: cost recomputed.
+        passed: all within tolerance.
+    """
+
+    defect: Array
+    goal: Array
+    bounds: Array
+    path: Array
+    cost: Array
+    passed: NDArray[np.bool_]
+
+
+def verify(
+    problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, cost: Array | None = None
+) -> Check:
+    """Check trajectories against the problem they claim to solve.
+
+    Args:
+        parameters: (B, np).
+        trajectory: B trajectories.
+        cost: claimed costs (B,), compared with the recomputed ones where given.
+    """
+    size, knots, nx = trajectory.states.shape
+    starts, contexts = problem.start(parameters)
+    system, state_scale = problem.system, problem.system.state.scale
+    context = np.repeat(contexts, knots - 1, axis=0)
+    following, costs = problem.batch_flow(problem.substeps)(
+        trajectory.states[:, :-1].reshape(-1, nx),
+        trajectory.controls.reshape(-1, system.nu),
+        context,
+        np.repeat(trajectory.step, knots - 1)[:, None],
+    )
+    gaps = (trajectory.states[:, 1:] - following.reshape(size, knots - 1, nx)) / state_scale
+    total = costs.reshape(size, knots - 1).sum(axis=1)
+    start_error = (trajectory.states[:, 0] - starts) / state_scale
+    defect = np.maximum(np.abs(gaps).max(axis=(1, 2)), np.abs(start_error).max(axis=1))
+    goal = np.abs(system.difference(trajectory.states[:, -1], problem.goal.state) / state_scale).max(axis=1)
+    bounds = _excess(problem, trajectory)
+    path = _violation(problem, trajectory, contexts)
+    passed = (defect <= DEFECT_TOLERANCE) & (goal <= GOAL_TOLERANCE)
+    passed &= (bounds <= BOUND_TOLERANCE) & (path <= BOUND_TOLERANCE) & np.isfinite(total)
+    if cost is not None:
+        passed &= np.abs(total - cost) <= COST_TOLERANCE * (1 + np.abs(total))
+    return Check(defect, goal, bounds, path, total, passed)
+
+
+def _excess(problem: OptimalControlProblem, trajectory: Trajectory) -> Array:
+    pairs = [(trajectory.states, problem.system.state), (trajectory.controls, problem.system.control)]
+    excess = [np.maximum(box.lower - v, v - box.upper) / box.scale for v, box in pairs]
+    shortest, longest = problem.duration
+    duration = np.maximum(shortest - trajectory.duration, trajectory.duration - longest) / longest
+    largest = np.maximum(*[e.max(axis=(1, 2)) for e in excess])
+    return np.asarray(np.maximum(np.maximum(largest, duration), 0.0))
+
+
+def _violation(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
+    if not problem.n_clearances:
+        return np.zeros(len(trajectory))
+    size, knots, nx = trajectory.states.shape
+    (clearance,) = problem.batch_clearances()(
+        trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0)
+    )
+    return np.asarray(np.maximum(-clearance.reshape(size, -1).min(axis=1), 0.0))

@@ -1,0 +1,68 @@
+"""Initial guesses for the optimiser."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
+
+#: "line": straight in state space, controls that hold the goal. "rollout": the motion under random controls.
+#: "drift": such a motion with a linear drift added, so that it ends at the target.
+Kind = Literal["line", "rollout", "drift"]
+_PIECES = 4
+
+
+def guesses(
+    problem: OptimalControlProblem,
+    parameters: Array,
+    windings: NDArray[np.integer],
+    rng: np.random.Generator,
+    kind: Kind = "drift",
+) -> Trajectory:
+    """One guess for each of B problems.
+
+    Args:
+        parameters: (B, np).
+        windings: (B,) indices into ``problem.targets``.
+        rng: source of the random controls (piecewise constant) and of t_f, which is uniform in the upper 3/4 of its range.
+        kind: see :data:`Kind`.
+
+    Raises:
+        ValueError: an unknown kind.
+    """
+    if kind not in ("line", "rollout", "drift"):
+        raise ValueError(f'kind must be "line", "rollout" or "drift", got {kind!r}')
+    size, knots, system = len(parameters), problem.knots, problem.system
+    starts, contexts = problem.start(parameters)
+    shortest, longest = problem.duration
+    duration = shortest + (longest - shortest) * rng.uniform(0.25, 1.0, size)
+    progress = np.linspace(0.0, 1.0, knots)[:, None]
+    targets = problem.targets[windings]
+    if kind == "line":
+        states = starts[:, None] + progress * (targets - starts)[:, None]
+        return Trajectory(states, np.tile(problem.goal.control, (size, knots - 1, 1)), duration)
+    controls = _random_controls(problem, size, rng)
+    states = np.empty((size, knots, system.nx))
+    states[:, 0] = starts
+    flow = problem.batch_flow(problem.substeps)
+    step = (duration / (knots - 1))[:, None]
+    for k in range(knots - 1):
+        following, _ = flow(states[:, k], controls[:, k], contexts, step)
+        states[:, k + 1] = np.clip(following, system.state.lower, system.state.upper)
+    if kind == "drift":
+        states += progress * (targets - states[:, -1])[:, None]
+        np.clip(states, system.state.lower, system.state.upper, out=states)
+        states[:, 0] = starts
+    return Trajectory(states, controls, duration)
+
+
+def _random_controls(problem: OptimalControlProblem, size: int, rng: np.random.Generator) -> Array:
+    box = problem.system.control
+    drawn = rng.uniform(box.lower, box.upper, (size, _PIECES, problem.system.nu))
+    piece = np.arange(problem.knots - 1) * _PIECES // (problem.knots - 1)
+    return drawn[:, piece]

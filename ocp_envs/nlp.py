@@ -1,0 +1,165 @@
+"""One nonlinear program, solved many times: the part of the solver that runs in a child process.
+
+fatrop (Vanroye et al., *FATROP: a fast constrained optimal control problem solver for robot trajectory optimization and
+control*, IROS 2023) goes first with compiled functions, IPOPT (Wächter & Biegler, *On the implementation of an interior-point filter
+line-search algorithm*, 2006) where fatrop fails. Which way a solve ends is decided by iteration limits, never by time.
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from ocp_envs.compilation import build_solver
+from ocp_envs.system import Array
+from ocp_envs.transcription import Transcription
+
+
+class Status(enum.IntEnum):
+    """How a solve ended; stored in databases as int8."""
+
+    EMPTY = 0  #: never tried, or no such mode
+    SOLVED = 1
+    NOT_CONVERGED = 2  #: neither solver reached the tolerance within its iterations
+    TIMED_OUT = 3  #: both solvers had to be killed, the last one for taking too long
+    CRASHED = 4  #: the process of the last solver died
+    CHECK_FAILED = 5  #: the solver claims success, the independent check says no
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Settings of a solve.
+
+    Args:
+        primary: "fatrop" or "ipopt"; the other one is the fallback.
+        tolerance: scaled optimality tolerance of either solver.
+        max_iterations, fallback_iterations: limits of the primary and of the fallback solver.
+        hang_factor, hang_floor: a solve is killed after the larger of ``hang_factor`` × the running median time of a
+            solve and ``hang_floor`` seconds.
+    """
+
+    primary: str = "fatrop"
+    tolerance: float = 1e-6
+    max_iterations: int = 150
+    fallback_iterations: int = 300
+    hang_factor: float = 100.0
+    hang_floor: float = 5.0
+
+    def __post_init__(self) -> None:
+        if self.primary not in ("fatrop", "ipopt"):
+            raise ValueError(f'primary must be "fatrop" or "ipopt", got {self.primary!r}')
+        positive = (self.tolerance, self.max_iterations, self.fallback_iterations, self.hang_factor, self.hang_floor)
+        if not all(value > 0 for value in positive):
+            raise ValueError(f"tolerance, limits and times must be positive, got {self}")
+
+    @property
+    def secondary(self) -> str:
+        return "ipopt" if self.primary == "fatrop" else "fatrop"
+
+
+class Task(NamedTuple):
+    """One solve in scaled variables: guess w (nw,), parameter [x_0; s], index of the target."""
+
+    guess: Array
+    parameter: Array
+    target: int
+
+
+class Result(NamedTuple):
+    """How one solve ended: scaled variables (nw,), multipliers of the clearances (N − 1, nh); meaningless unless SOLVED."""
+
+    status: Status
+    w: Array
+    cost: float
+    multipliers: Array
+    iterations: int
+    fallback: bool
+    seconds: float
+
+
+class NlpSolver:
+    """Both solvers of one program. Not to be shared between threads."""
+
+    def __init__(self, transcription: Transcription, settings: SolverSettings) -> None:
+        self._transcription, self._settings = transcription, settings
+        self._bounds = [transcription.bounds(target) for target in transcription.targets]
+        self._primary = _Backend(transcription, settings.primary, settings, settings.max_iterations)
+
+    def solve(self, task: Task, skip_primary: bool = False) -> Result:
+        """Solve with the primary solver and, where that fails or is skipped, with the fallback."""
+        began = time.perf_counter()
+        bounds = self._bounds[task.target]
+        iterations, solved = 0, False
+        if not skip_primary:
+            backend = self._primary
+            solved, iterations = backend.run(task, *bounds)
+        if not solved:
+            backend = self._fallback()
+            solved, more = backend.run(task, *bounds)
+            iterations += more
+        return Result(
+            status=Status.SOLVED if solved else Status.NOT_CONVERGED,
+            w=backend.w.copy(),
+            cost=float(backend.cost[0]),
+            multipliers=self._transcription.clearance_multipliers(backend.lam_g),
+            iterations=iterations,
+            fallback=backend is not self._primary,
+            seconds=time.perf_counter() - began,
+        )
+
+    def _fallback(self) -> _Backend:
+        if self._secondary is None:
+            s = self._settings
+            self._secondary = _Backend(self._transcription, s.secondary, s.tolerance, s.fallback_iterations)
+        return self._secondary
+
+
+def _options(transcription: Transcription, plugin: str, tolerance: float, max_iterations: int) -> dict[str, Any]:
+    if plugin == "fatrop":
+        own = {"print_level": 0, "tol": tolerance, "max_iter": max_iterations}
+        return {"print_time": False, "fatrop": own, **transcription.structure}
+    own = {"print_level": 0, "sb": "yes", "tol": tolerance, "max_iter": max_iterations, "acceptable_iter": 0}
+    return {"print_time": False, "ipopt": own}
+
+
+class _Backend:
+    """One solver, called through fixed memory: a call from Python costs microseconds, not a conversion of every argument."""
+
+    def __init__(self, transcription: Transcription, plugin: str, tolerance: float, max_iterations: int) -> None:
+        options = _options(transcription, plugin, tolerance, max_iterations)
+        solver = build_solver(plugin, transcription.nlp, options)
+        self._buffer, self._call = _fixed_memory(solver)
+        self._solver = solver
+        # The buffer keeps addresses, not references: these arrays must live as long as it does.
+        inputs = {solver.name_in(i): np.zeros(solver.numel_in(i)) for i in range(solver.n_in())}
+        outputs = {name: np.zeros(solver.numel_out(name)) for name in ("x", "f", "lam_g")}
+        for name, array in inputs.items():
+            self._buffer.set_arg(solver.index_in(name), memoryview(array))
+        for name, array in outputs.items():
+            self._buffer.set_res(solver.index_out(name), memoryview(array))
+        inputs["lbg"][:], inputs["ubg"][:] = transcription.constraint_bounds
+        self._inputs = inputs
+        self.w, self.cost, self.lam_g = outputs["x"], outputs["f"], outputs["lam_g"]
+
+    def run(self, task: Task, lower: Array, upper: Array) -> tuple[bool, int]:
+        """Solve into ``w``, ``cost`` and ``lam_g``; returns whether it converged, and the iterations."""
+        arguments = self._inputs
+        arguments["x0"][:], arguments["p"][:] = task.guess, task.parameter
+        arguments["lbx"][:], arguments["ubx"][:] = lower, upper
+        try:
+            self._call()
+        except RuntimeError:  # an exception of the solver's own, such as a factorisation that broke down
+            return False, 0
+        stats = self._buffer.stats()
+        return bool(stats["success"]) and bool(np.isfinite(self.w).all()), int(stats["iter_count"])
+
+
+def _fixed_memory(solver: ca.Function) -> tuple[Any, Callable[[], None]]:
+    buffer, call = solver.buffer()
+    return buffer, call

@@ -1,0 +1,259 @@
+"""Direct transcription of an optimal control problem into a scaled nonlinear program.
+
+With N knots, intervals of equal length h = t_f/(N−1) and controls held within an interval, the program is
+
+    minimise    Σ_k cost(x_k, u_k, s, h_k)
+    subject to  x_{k+1} − F(x_k, u_k, s, h_k) = 0,   h_{k+1} − h_k = 0,   clearances(x_k, s) ≥ 0   (k ≥ 1),
+
+where F and cost are ``problem.flow`` (Runge-Kutta of order four, Betts, *Practical Methods for Optimal Control*, ch. 4), x_0
+and the context s are parameters, and x_{N−1} lies within ±``GOAL_TOLERANCE`` (in scaled units) of the target. The step h is carried
+along as one more state, so that the program keeps the stagewise structure that fatrop exploits:
+
+    w = [h_0, u_0 | x_1, h_1, u_1 | … | x_{N−1}, h_{N−1}],   g = [gap_0 | gap_1, clearances_1 | … | clearances_{N−1}]
+
+Everything is scaled to order one: states by their scale, controls as the deviation from the control that holds the goal, by
+theirs, and h by half its upper bound. The target enters through the bounds of the last knot. Interior-point methods
+stagnate on equalities at the last knot, hence the small box.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
+
+#: Half width of the box around the target, in scaled units.
+GOAL_TOLERANCE = 1e-5
+#: Programs of up to this many scalar operations are written out, longer ones call one function per interval:
+#: written out a small program is evaluated faster, but a long one takes minutes to compile.
+_WRITTEN_OUT = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Transcription:
+    """A nonlinear program and the layout of its variables; holds no reference to the problem and can be pickled.
+
+    Args:
+        nlp: (w, [x_0; s]) → (f, g).
+        knots, nx, nu, n_clearances: sizes of the problem.
+        state_scale, control_scale, control_centre, step_scale: the scaled variables are x / state_scale,
+            (u − control_centre) / control_scale and h / step_scale.
+        lower, upper: bounds of w without the goal, (nw,).
+        targets: goal states, one per winding, (W, nx).
+    """
+
+    nlp: ca.Function
+    knots: int
+    nx: int
+    nu: int
+    n_clearances: int
+    state_scale: Array
+    control_scale: Array
+    control_centre: Array
+    step_scale: float
+    lower: Array
+    upper: Array
+    targets: Array
+
+    @property
+    def intervals(self) -> int:
+        return self.knots - 1
+
+    @cached_property
+    def structure(self) -> dict[str, Any]:
+        """The stagewise structure, as fatrop wants it told."""
+        m = self.intervals
+        return {
+            "structure_detection": "manual",
+            "N": m,
+            "nx": [1] + [self.nx + 1] * m,
+            "nu": [self.nu] * m + [0],
+            "ng": [0] + [self.n_clearances] * m,
+        }
+
+    @cached_property
+    def _present(self) -> NDArray[np.bool_]:
+        """Which entries of the full table (N, nx + 1 + nu) of (x, h, u) are variables."""
+        return _present(self.knots, self.nx, self.nu)
+
+    @cached_property
+    def clearance_rows(self) -> NDArray[np.int64]:
+        """Where the clearances at the knots k ≥ 1 stand in g, (N − 1, nh)."""
+        gap, count = self.nx + 1, self.n_clearances
+        first = 2 * gap + (gap + count) * np.arange(self.intervals)
+        first[-1] -= gap  # there is no gap at the last knot
+        return first[:, None] + np.arange(count)
+
+    @cached_property
+    def constraint_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of g."""
+        lower = np.zeros((self.nx + 1 + self.n_clearances) * self.intervals)
+        upper = lower.copy()
+        upper[self.clearance_rows] = np.inf
+        return lower, upper
+
+    def bounds(self, target: Array) -> tuple[Array, Array]:
+        """Bounds of w for a goal state ``target`` (nx,)."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        last = slice(-(self.nx + 1), -1)
+        scaled = target / self.state_scale
+        lower[last], upper[last] = scaled - GOAL_TOLERANCE, scaled + GOAL_TOLERANCE
+        return lower, upper
+
+    def pack(self, trajectory: Trajectory) -> Array:
+        """Scaled variables (B, nw) of trajectories; the first state is not among them."""
+        table = np.zeros((len(trajectory), self.knots, self.nx + 1 + self.nu))
+        table[:, :, : self.nx] = trajectory.states / self.state_scale
+        table[:, :, self.nx] = (trajectory.step / self.step_scale)[:, None]
+        table[:, :-1, self.nx + 1 :] = (trajectory.controls - self.control_centre) / self.control_scale
+        return table[:, self._present]
+
+    def unpack(self, w: Array, starts: Array) -> Trajectory:
+        """Trajectories of scaled variables (B, nw) and start states (B, nx)."""
+        table = np.zeros((len(w), self.knots, self.nx + 1 + self.nu))
+        table[:, self._present] = w
+        states = table[:, :, : self.nx] * self.state_scale
+        states[:, 0] = starts
+        controls = table[:, :-1, self.nx + 1 :] * self.control_scale + self.control_centre
+        return Trajectory(states, controls, table[:, 0, self.nx] * self.step_scale * self.intervals)
+
+    def clearance_multipliers(self, lam_g: Array) -> Array:
+        """Multipliers of the clearances at the knots k ≥ 1, (N − 1, nh), ≥ 0 where the constraint holds the plan back.
+
+        Args:
+            lam_g: CasADi's multipliers of g, (ng,), negative at lower bounds. Clearances and cost are not scaled, so
+                these are −∂J/∂(clearance), in units of cost per unit of clearance.
+        """
+        return np.maximum(-lam_g[self.clearance_rows], 0.0)
+
+
+def _present(self) -> NDArray[np.bool_]:
+        """Which entries of the full table (N, nx + 1 + nu) of (x, h, u) are variables."""
+        return _present(self.knots, self.nx, self.nu)
+
+    @cached_property
+    def clearance_rows(self) -> NDArray[np.int64]:
+        """Where the clearances at the knots k ≥ 1 stand in g, (N − 1, nh)."""
+        gap, count = self.nx + 1, self.n_clearances
+        first = 2 * gap + (gap + count) * np.arange(self.intervals)
+        first[-1] -= gap  # there is no gap at the last knot
+        return first[:, None] + np.arange(count)
+
+    @cached_property
+    def constraint_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of g."""
+        lower = np.zeros((self.nx + 1 + self.n_clearances) * self.intervals)
+        upper = lower.copy()
+        upper[self.clearance_rows] = np.inf
+        return lower, upper
+
+    def bounds(self, target: Array) -> tuple[Array, Array]:
+        """Bounds of w for a goal state ``target`` (nx,)."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        last = slice(-(self.nx + 1), -1)
+        scaled = target / self.state_scale
+        lower[last], upper[last] = scaled - GOAL_TOLERANCE, scaled + GOAL_TOLERANCE
+        return lower, upper
+
+    def pack(self, trajectory: Trajectory) -> Array:
+        """Scaled variables (B, nw) of trajectories; the first state is not among them."""
+        table = np.zeros((len(trajectory), self.knots, self.nx + 1 + self.nu))
+        table[:, :, : self.nx] = trajectory.states / self.state_scale
+        table[:, :, self.nx] = (trajectory.step / self.step_scale)[:, None]
+        table[:, :-1, self.nx + 1 :] = (trajectory.controls - self.control_centre) / self.control_scale
+        return table[:, self._present]
+
+    def unpack(self, w: Array, starts: Array) -> Trajectory:
+        """Trajectories of scaled variables (B, nw) and start states (B, nx)."""
+        table = np.zeros((len(w), self.knots, self.nx + 1 + self.nu))
+        table[:, self._present] = w
+        states = table[:, :, : self.nx] * self.state_scale
+        states[:, 0] = starts
+        controls = table[:, :-1, self.nx + 1 :] * self.control_scale + self.control_centre
+        return Trajectory(states, controls, table[:, 0, self.nx] * self.step_scale * self.intervals)
+
+    def clearance_multipliers(self, lam_g: Array) -> Array:
+        """Multipliers of the clearances at the knots, (B, N, nh), ≥ 0 where the constraint holds the plan back.
+
+        Args:
+            lam_g: CasADi's multipliers of g, (B, ng), negative at lower bounds. Clearances and cost are not scaled, so these
+                are −∂J/∂(clearance) in units of cost per unit of clearance. They are zero at the first knot, which is given.
+        """
+        multipliers = np.zeros((len(lam_g), self.knots, self.n_clearances))
+        rows = lam_g.reshape(len(lam_g), self.intervals, self.nx + 1 + self.n_clearances)
+        multipliers[:, 1:] = np.maximum(-rows[:, :, self.nx + 1 :], 0.0)
+        return multipliers
+
+
+def _present(knots: int, nx: int, nu: int) -> NDArray[np.bool_]:
+    present = np.ones((knots, nx + 1 + nu), dtype=bool)
+    present[0, :nx] = False
+    present[-1, nx + 1 :] = False
+    return present
+
+
+def transcribe(problem: OptimalControlProblem) -> Transcription:
+    """The nonlinear program of ``problem``."""
+    system, knots = problem.system, problem.knots
+    shortest, longest = (t / (knots - 1) for t in problem.duration)
+    step_scale, centre = longest / 2, problem.goal.control
+    present = _present(knots, system.nx, system.nu)
+
+    def scaled(state: Array, step: float, control: Array) -> Array:
+        row = [state / system.state.scale, [step / step_scale], (control - centre) / system.control.scale]
+        return np.tile(np.concatenate(row), (knots, 1))[present]
+
+    return Transcription(
+        nlp=_program(problem, step_scale),
+        knots=knots,
+        nx=system.nx,
+        nu=system.nu,
+        n_clearances=problem.n_clearances,
+        state_scale=system.state.scale,
+        control_scale=system.control.scale,
+        control_centre=centre,
+        step_scale=step_scale,
+        lower=scaled(system.state.lower, shortest, system.control.lower),
+        upper=scaled(system.state.upper, longest, system.control.upper),
+        targets=problem.targets,
+    )
+
+
+def _interval(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
+    """Scaled (x_k, h_k, u_k), s → scaled (x_{k+1}, h_{k+1}) and the cost of the interval."""
+    system = problem.system
+    x, u, s = problem.symbols()
+    h = ca.SX.sym("h")
+    scale = ca.DM(system.state.scale)
+    control = u * ca.DM(system.control.scale) + ca.DM(problem.goal.control)
+    following, cost = problem.flow(x * scale, control, s, h * step_scale, problem.substeps)
+    return ca.Function("interval", [ca.vertcat(x, h, u), s], [ca.vertcat(following / scale, h), cost])
+
+
+def _program(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
+    nx, nu, m = problem.system.nx, problem.system.nu, problem.knots - 1
+    scale = ca.DM(problem.system.state.scale)
+    x, _, s = problem.symbols()
+    clearances = ca.Function("clearances", [x, s], [problem.clearances(x * scale, s)])
+    parameter = ca.MX.sym("p", nx + len(problem.context))
+    sizes = [1 + nu] + [nx + 1 + nu] * (m - 1) + [nx + 1]
+    w = ca.MX.sym("w", sum(sizes))
+    stages = ca.vertsplit(w, [int(i) for i in np.cumsum([0, *sizes])])
+    stages[0] = ca.vertcat(parameter[:nx] / scale, stages[0])
+    context = parameter[nx:]
+    ends = ca.horzcat(*[stage[: nx + 1] for stage in stages[1:]])
+    contexts = ca.repmat(context, 1, m)
+    following, costs = _interval(problem, step_scale).map(m)(ca.horzcat(*stages[:-1]), contexts)
+    gaps, kept_off = ends - following, clearances.map(m)(ends[:nx, :], contexts)
+    rows = ca.vertcat(gaps[:, 0], ca.vec(ca.vertcat(gaps[:, 1:], kept_off[:, :-1])), kept_off[:, -1])
+    nlp = ca.Function("nlp", [w, parameter], [ca.sum2(costs), rows], ["x", "p"], ["f", "g"])
+    written_out = nlp.expand()
+    return written_out if written_out.n_nodes() <= _WRITTEN_OUT else nlp

@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from moe_policy.evaluation import Share
+from moe_policy.reporting import (
+    Column,
+    Outcome,
+    comparison_figure,
+    duration,
+    markdown_table,
+    save_figure,
+    share,
+    text_table,
+)
+
+ROWS = [
+    {"name": "optimal", "success": Share(1000, 1000), "error": 0.00123},
+    {"name": "a|b", "success": Share(0, 1000), "error": None},
+    {"name": "sac", "success": Share(985, 1000), "error": float("nan")},
+]
+COLUMNS = [Column("name", "policy"), Column("success", "success", share), Column("error", "error", ".2e")]
+
+
+def test_markdown():
+    assert markdown_table(ROWS, COLUMNS).splitlines() == [
+        "| policy | success | error |",
+        "| --- | ---: | ---: |",
+        "| optimal | 1000 (99.6–100.0 %) | 1.23e-03 |",
+        "| a\\|b | 0 (0.0–0.4 %) | – |",
+        "| sac | 985 (97.5–99.1 %) | – |",
+    ]
+
+
+def test_text_is_aligned():
+    lines = text_table(ROWS, COLUMNS).splitlines()
+    assert lines[0].split() == ["policy", "success", "error"]
+    assert len({len(line) for line in lines}) == 1
+    assert lines[2].startswith("optimal  ")
+
+
+def test_missing_keys_are_dashes():
+    assert markdown_table([{}], [Column("x", "x")]).splitlines()[-1] == "| – |"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(3.2e-7, "0.32 µs"), (1.23e-5, "12.3 µs"), (0.00456, "4.56 ms"), (7.89, "7.89 s"), (738, "12.3 min")],
+)
+def test_durations(seconds, text):
+    assert duration(seconds) == text
+
+
+def test_comparison_figure_is_a_png(tmp_path):
+    pytest.importorskip("matplotlib")
+    errors = np.random.default_rng(0).lognormal(-4, 1, 200)
+    outcomes = [
+        Outcome("optimal", Share(1000, 1000), Share(1000, 1000), errors),
+        Outcome("SAC", Share(950, 1000)),
+        Outcome("wild", Share(3, 1000), Share(1, 1000), np.full(5, np.nan)),
+    ]
+    path = comparison_figure(tmp_path / "new" / "comparison.png", outcomes, 0.1)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert [p.name for p in path.parent.iterdir()] == ["comparison.png"]
+
+
+def test_a_failed_figure_leaves_the_old_file(tmp_path):
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "figure.png"
+    path.write_bytes(b"old")
+
+    def broken(figure):
+        raise RuntimeError("no")
+
+    with pytest.raises(RuntimeError):
+        save_figure(path, (2, 2), broken)
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
