@@ -1,12 +1,16 @@
 """Learning the solutions of parametric optimal control problems, and following what was learnt.
 
-Names are imported on first use, so that what one does not use need not be installed (Stable-Baselines3 is optional).
+Names are imported on first use: rolling out a policy does not load PyTorch, and Stable-Baselines3 may be absent.
 """
 
 from __future__ import annotations
 
 import importlib
 from typing import Any
+
+# At once, for the function has the name of its module: importing the module later would hide it.
+from moe_policy.rollout import Episodes as Episodes
+from moe_policy.rollout import rollout as rollout
 
 _HOME = {
     "moe_policy.networks": ("Argmax", "MixtureOfExperts", "SingleNetwork", "Softmax"),
@@ -27,11 +31,10 @@ _HOME = {
     "moe_policy.optimal": ("SolverPlanner",),
     "moe_policy.store": ("ModelFileError", "UnknownModelError", "available", "load", "load_file"),
     "moe_policy.tracking": ("Stabilised", "Stabiliser", "TrackingPolicy"),
-    "moe_policy.rollout": ("Episodes", "rollout"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
-__all__ = sorted(_MODULE_OF)
+__all__ = sorted(["Episodes", "rollout", *_MODULE_OF])
 
 
 def __getattr__(name: str) -> Any:

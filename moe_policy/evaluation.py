@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binomtest
 
+from moe_policy.episodes import Episodes
 from moe_policy.policy import Planner
-from moe_policy.rollout import Episodes
 from ocp_envs.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
@@ -54,9 +54,9 @@ class Share:
 
 @dataclass(frozen=True)
 class CostRatio:
-    """Σ cost / Σ cost of a baseline over the ``episodes`` that both bring into the goal ball; NaN if there is none."""
+    """Σ cost / Σ cost of a baseline over the ``episodes`` that both bring into the goal ball; ``None`` if it is 0/0."""
 
-    ratio: float
+    ratio: float | None
     episodes: int
 
 
@@ -164,7 +164,7 @@ def cost_ratio(episodes: Episodes, baseline: Episodes) -> CostRatio:
         )
     both = episodes.reached & baseline.reached
     total = float(baseline.cost[both].sum())
-    ratio = float(episodes.cost[both].sum()) / total if total > 0 else float("nan")
+    ratio = float(episodes.cost[both].sum()) / total if total > 0 else None
     return CostRatio(ratio, int(both.sum()))
 
 

@@ -38,11 +38,11 @@ class TrainingSettings:
         test_share: share of the samples in the test split.
     """
 
-    epochs: int = 1500
+    epochs: int = 600
     patience: int | None = None
     batch: int = 64
-    gate_batch: int = 256
-    learning_rate: float = 3e-3
+    gate_batch: int = 64
+    learning_rate: float = 1e-2
     final_fraction: float = 0.01
     test_share: float = 0.2
 
@@ -68,7 +68,7 @@ class TrainingSettings:
 #: The project's own settings.
 DEFAULT = TrainingSettings()
 #: The settings printed by Tang & Hauser.
-PAPER = TrainingSettings(epochs=1500, patience=8, learning_rate=1e-3, final_fraction=1.0)
+PAPER = TrainingSettings(epochs=1500, patience=8, gate_batch=256, learning_rate=1e-3, final_fraction=1.0)
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ class NetworkPlanner:
 
     def __post_init__(self) -> None:
         network = self.network
-        experts = list(network.experts) if isinstance(network, MixtureOfExperts) else [network]
+        experts: list[Any] = list(network.experts) if isinstance(network, MixtureOfExperts) else [network]
         expected = (len(self.problem.parameters), self.problem.flat_size)
         ends = {(expert.sizes[0], expert.sizes[-1]) for expert in experts}
         if ends != {expected} or (len(self.inputs), len(self.outputs)) != expected:
@@ -145,7 +145,7 @@ class NetworkPlanner:
             sizes = {"single": network.sizes}
         tensors = {f"network.{key}": value.numpy() for key, value in network.state_dict().items()}
         for name, scaler in (("inputs", self.inputs), ("outputs", self.outputs)):
-            tensors |= {f"{name}.mean": scaler.mean, f"{name}.std": scaler.std}
+            tensors |= {f"{name}.mean": np.asarray(scaler.mean), f"{name}.std": np.asarray(scaler.std)}
         description = {
             "name": self.name,
             "sizes": sizes,
@@ -175,6 +175,21 @@ def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlan
         _mixing_from(file.description["mixing"]),
         file.description["details"],
     )
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """Plain samples, see :class:`moe_policy.clustering.Samples`."""
+
+    problem: OptimalControlProblem
+    parameters: Array
+    trajectory: Trajectory
+    mode: NDArray[np.int64]
+
+
+def subset(samples: Samples, rows: NDArray[np.bool_]) -> Stored:
+    """The samples in the rows of a mask."""
+    return Stored(samples.problem, samples.parameters[rows], samples.trajectory[rows], samples.mode[rows])
 
 
 class NearestPlanner:
@@ -215,21 +230,16 @@ class NearestPlanner:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write ``<path>.safetensors`` and ``<path>.json``; trajectories in float32, parameters in float64."""
-        tensors = {"parameters": self.parameters, "trajectories": self.trajectory.flat().astype(np.float32)}
+        tensors: dict[str, NDArray[Any]] = {
+            "parameters": self.parameters,
+            "trajectories": self.trajectory.flat().astype(np.float32),
+        }
         write_model(path, "nearest", self.problem, tensors, {"name": self.name})
-
-
-@dataclass(frozen=True, eq=False)
-class _Stored:
-    problem: OptimalControlProblem
-    parameters: Array
-    trajectory: Trajectory
-    mode: NDArray[np.int64]
 
 
 def read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlanner:
     """The planner that :meth:`NearestPlanner.save` wrote."""
     system, parameters = problem.system, file.tensors["parameters"]
     trajectory = Trajectory.from_flat(file.tensors["trajectories"], problem.knots, system.nx, system.nu)
-    stored = _Stored(problem, parameters, trajectory, np.zeros(len(parameters), dtype=np.int64))
+    stored = Stored(problem, parameters, trajectory, np.zeros(len(parameters), dtype=np.int64))
     return NearestPlanner(stored, file.description["name"])

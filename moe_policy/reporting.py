@@ -193,14 +193,13 @@ def draw_errors(axes: Axes, outcomes: Sequence[Outcome], radius: float) -> None:
             axes.step(
                 np.maximum(errors, 1e-9), percent, where="post", color=COLORS[i % len(COLORS)], label=outcome.name
             )
-    axes.axvline(radius, color="black", linestyle="--", linewidth=0.8)
+    axes.axvline(radius, color="black", linestyle="--", linewidth=0.8, label="goal ball")
     axes.set_xscale("log")
     axes.set_ylim(0, 101)
     axes.set_xlabel("state error at the plan's end")
     axes.set_ylabel("episodes below, %")
     axes.set_title("before any hold")
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="upper left", fontsize=8)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
 def comparison_figure(path: str | os.PathLike[str], outcomes: Sequence[Outcome], radius: float) -> Path:
@@ -211,4 +210,4 @@ def comparison_figure(path: str | os.PathLike[str], outcomes: Sequence[Outcome],
         draw_success(left, outcomes)
         draw_errors(right, outcomes, radius)
 
-    return save_figure(path, (9.0, 1.6 + 0.35 * len(outcomes)), draw)
+    return save_figure(path, (10.0, 1.6 + 0.35 * len(outcomes)), draw)

@@ -132,7 +132,7 @@ class Resampler:
         """
         ticks = count_ticks(plan.duration, self.dt)
         longest = int(ticks.max(initial=1))
-        times = self.dt * np.arange(longest + 1)
+        times = self.dt * np.arange(longest + 1, dtype=np.float64)
         return Reference(
             states=states_at(self._rate, plan, contexts, times),
             controls=mean_controls(plan, self.dt, longest, self.problem.goal.control),

@@ -4,16 +4,15 @@
     success    the state was in the goal ball at the judging time
     cost       ∫L dt up to the first entry, or of the whole episode where there is none
 
-A policy that plans knows its judging time from the start (see :class:`moe_policy.policy.PlanningPolicy`). Any other one is
-judged ``problem.hold`` seconds after its first entry, at the latest at the horizon. An episode ends when it is judged or when
-it leaves the operating box, which the environment charges and which is never a success.
+A policy that plans knows its judging time from the start (see :class:`moe_policy.policy.PlanningPolicy`). Any other
+one is judged ``problem.hold`` seconds after its first entry, at the latest at the horizon. An episode ends when it is
+judged or when it leaves the operating box, which the environment charges and which is never a success.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -21,73 +20,13 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike, NDArray
 
+from moe_policy.episodes import Episodes as Episodes
 from moe_policy.policy import PlanningPolicy, Policy, Schedule
 from ocp_envs.batch import BatchFunction
 from ocp_envs.problem import OptimalControlProblem
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, eq=False)
-class Episodes:
-    """What became of B episodes; all arrays are (B,) but for the parameters and the records.
-
-    Args:
-        parameters: p of the episodes, (B, np).
-        reached: entered the goal ball.
-        success: in the goal ball at the judging time.
-        cost: ∫L dt up to the first entry; of the whole episode where there is none.
-        entry_time: seconds to the first entry, NaN where there is none.
-        judging_time: seconds to the judgement.
-        final_error: ‖x − goal‖ at the judgement, or where the episode left the box.
-        plan_end_error: the same at the plan's end, before any hold; NaN for policies without a plan.
-        left_box: left the operating box.
-        violation: largest violation of the path constraints at the start and the ends of the ticks; 0 without constraints.
-        knot_violation: the same at the plan's knots t_i = i·t_f/(N-1); NaN for policies without a plan.
-        clipped: the plan's duration was clipped to its bounds; False for policies without a plan.
-        rejected: the plan was not finite; False for policies without a plan.
-        states: (B, T+1, nx) if recorded, NaN after the end of an episode.
-        controls: (B, T, nu) if recorded, the same.
-    """
-
-    parameters: Array
-    reached: Bools
-    success: Bools
-    cost: Array
-    entry_time: Array
-    judging_time: Array
-    final_error: Array
-    plan_end_error: Array
-    left_box: Bools
-    violation: Array
-    knot_violation: Array
-    clipped: Bools
-    rejected: Bools
-    states: Array | None = None
-    controls: Array | None = None
-
-    def __len__(self) -> int:
-        return len(self.parameters)
-
-    @classmethod
-    def concatenate(cls, parts: list[Episodes]) -> Episodes:
-        """The episodes of all ``parts``, in order; records are padded with NaN to the longest."""
-        joined = {}
-        for f in dataclasses.fields(cls):
-            values = [getattr(part, f.name) for part in parts]
-            if values[0] is None:
-                continue
-            if f.name in ("states", "controls"):
-                values = _padded(values)
-            joined[f.name] = np.concatenate(values)
-        return cls(**joined)
-
-
-def _padded(records: list[Array]) -> list[Array]:
-    """Arrays (B, T, n) with NaN appended along axis 1 up to the largest T."""
-    longest = max(record.shape[1] for record in records)
-    return [np.pad(r, ((0, 0), (0, longest - r.shape[1]), (0, 0)), constant_values=np.nan) for r in records]
 
 
 class _Log:
@@ -146,7 +85,7 @@ class _Log:
         self.open &= ~judged
 
     def add(self, tick: int, before: Array, after: Array, cost: Array, left_box: Bools) -> None:
-        """One tick: ``tick`` is the number of its end, states (B, nx) before and after it, its cost and failures (B,)."""
+        """The tick that ends at ``tick``: states (B, nx) before and after it, its cost and failures (B,)."""
         running = self.open.copy()
         self.error = self.problem.goal_error(after)
         inside = (self.error < self.problem.goal.radius) & ~left_box
@@ -268,7 +207,7 @@ def rollout(
     period = getattr(policy, "dt", None)
     if period is not None and not math.isclose(period, base.dt, rel_tol=1e-9):
         raise ValueError(
-            f"{problem.id}: the policy was made for a control period of {period} s and the environment has {base.dt} s; "
+            f"{problem.id}: the policy was made for a control period of {period} s, the environment has {base.dt} s; "
             "make both with the same dt"
         )
     limit = base.settings.time_limit
@@ -283,10 +222,5 @@ def rollout(
     for first in range(0, len(p), n):
         batch = p[first : first + n]
         padded = np.concatenate([batch, np.repeat(batch[-1:], n - len(batch), axis=0)])
-        parts.append(_first(_run(envs, policy, padded, ticks, record), len(batch)))
+        parts.append(_run(envs, policy, padded, ticks, record)[: len(batch)])
     return Episodes.concatenate(parts)
-
-
-def _first(episodes: Episodes, count: int) -> Episodes:
-    values = {f.name: getattr(episodes, f.name) for f in dataclasses.fields(Episodes)}
-    return Episodes(**{name: None if value is None else value[:count] for name, value in values.items()})

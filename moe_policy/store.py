@@ -19,13 +19,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from ocp_envs.records import provenance
 from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from ocp_envs import problems
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.records import provenance
 
 FORMAT = "ocp-moe model"
 VERSION = 1
@@ -34,7 +34,7 @@ SHIPPED = Path(__file__).parent / "models"
 READERS = {
     "network": ("moe_policy.planner", "read_network"),
     "nearest": ("moe_policy.planner", "read_nearest"),
-    "rl": ("moe_policy.baselines", "read_policy"),
+    "rl": ("moe_policy.actor", "read_policy"),
 }
 #: What needs no file: problem → planner or policy.
 ALWAYS = {
@@ -188,9 +188,10 @@ def available(env_id: str) -> list[str]:
     Raises:
         UnknownProblemError: no such problem.
     """
-    folder = SHIPPED / problems.load(env_id).id
-    shipped = {path.name.removesuffix(".json") for path in folder.glob("*.json")} if folder.is_dir() else set()
-    return sorted(shipped | set(ALWAYS))
+    problem = problems.load(env_id)
+    shipped = {path.name.removesuffix(".json") for path in (SHIPPED / problem.id).glob("*.json")}
+    # Where the goal cannot be held there is no controller that stabilises it.
+    return sorted(shipped | (set(ALWAYS) if problem.hold else set(ALWAYS) - {"stabiliser"}))
 
 
 def load(env_id: str, name: str) -> Any:

@@ -101,9 +101,9 @@ class TrackingPolicy:
         dt: control period of the environment, seconds.
         weights: tracking weights; :meth:`TrackingWeights.default` where not given.
 
-    A plan is moved into the boxes before it is tracked (its duration into ``problem.duration``: counted). A plan that is
-    not finite is rejected and counted: its row holds the goal from the start. Nothing raises for parameters outside
-    their box, and no action is ever NaN while the observation is not.
+    A plan is moved into the boxes before it is tracked (its duration into ``problem.duration``: counted). A plan that
+    is not finite, or has no finite gains, is rejected and counted: its row holds the goal from the start. Nothing
+    raises for parameters outside their box, and no action is ever NaN while the observation is not.
     """
 
     def __init__(
@@ -121,37 +121,40 @@ class TrackingPolicy:
     def start(self, parameters: ArrayLike) -> Tracking:
         """Plan for ``parameters`` (B, np), in float64, and prepare the tracking: the recurrent state before tick 0."""
         p = np.array(parameters, dtype=np.float64, ndmin=2)
-        if p.shape[1:] != (len(self.problem.parameters),):
-            raise ValueError(
-                f"{self.problem.id}: expected parameters (B, {len(self.problem.parameters)}), got {np.shape(parameters)}"
-            )
+        width = len(self.problem.parameters)
+        if p.shape[1:] != (width,):
+            raise ValueError(f"{self.problem.id}: expected parameters (B, {width}), got {np.shape(parameters)}")
         return self.follow(self.planner(p), self.problem.start(p)[1])
 
     def follow(self, plan: Trajectory, contexts: Array) -> Tracking:
         """The recurrent state before tick 0 of tracking ``plan`` (B plans) in ``contexts`` (B, nc)."""
         problem = self.problem
-        expected = (problem.knots, problem.system.nx, problem.system.nu)
-        got = (plan.knots, plan.states.shape[2], plan.controls.shape[2])
-        if got[1:] != expected[1:] or len(plan) != len(contexts):
+        expected = (len(contexts), problem.system.nx, problem.system.nu)
+        got = (len(plan), plan.states.shape[2], plan.controls.shape[2])
+        if got != expected:
             raise ValueError(
-                f"{problem.id}: the planner must return {len(contexts)} plans of {expected[1]} states and {expected[2]} "
-                f"controls, got {len(plan)} of {got[1]} and {got[2]}"
+                f"{problem.id}: the planner must return {expected[0]} plans of {expected[1]} states and "
+                f"{expected[2]} controls, got {got[0]} of {got[1]} and {got[2]}"
             )
         rejected = ~plan.finite
         shortest, longest = problem.duration
         clipped = ~rejected & ((plan.duration < shortest) | (plan.duration > longest))
         plan = self._into_boxes(plan, rejected)
         reference = self._resample(plan, contexts)
-        gains = self.regulator.along(reference.states, reference.controls, contexts, reference.ticks)
+        # Between wild knots the interpolation overshoots, out of the box and into singularities of the dynamics.
+        box = problem.system.state
+        inside = np.clip(reference.states, box.lower, box.upper)
+        gains = self.regulator.along(inside, reference.controls, contexts, reference.ticks)
+        rejected |= ~np.isfinite(gains).all(axis=(1, 2, 3))
 
         ticks = np.where(rejected, 0, reference.ticks)
         after = np.arange(gains.shape[1]) >= ticks[:, None]
-        states = np.where(after[..., None], problem.goal.state, reference.states)
+        states = np.where(after[..., None], problem.goal.state, inside)
         controls = np.where(after[..., None], problem.goal.control, _padded(reference.controls, gains.shape[1]))
         gains[after] = self.regulator.hold
         plan_end = ticks * self.dt
         knot_step = np.where(rejected, np.nan, plan.step)
-        schedule = Schedule(plan_end, plan_end + problem.hold, knot_step, clipped, rejected)
+        schedule = Schedule(plan_end, plan_end + problem.hold, knot_step, clipped & ~rejected, rejected)
         return Tracking(states, controls, gains, np.zeros(len(plan), np.int64), schedule)
 
     def _into_boxes(self, plan: Trajectory, rejected: NDArray[np.bool_]) -> Trajectory:

@@ -24,17 +24,11 @@ from torch.nn import functional as F
 
 from moe_policy.architectures import Architecture, architecture_of, layer_sizes
 from moe_policy.clustering import Labels, Samples, SampleSource, samples_of
-from moe_policy.fitting import DEFAULT, PartReport, Split, TrainingReport, TrainingSettings, generator_for, minimise
+from moe_policy.fitting import DEFAULT, PartReport, TrainingSettings, minimise
 from moe_policy.networks import ARGMAX, Argmax, Mixing, MixtureOfExperts, SingleNetwork, Softmax
 from moe_policy.planner import NetworkPlanner, Planner
-from moe_policy.scaling import Standardizer
-from ocp_envs.problem import OptimalControlProblem
+from moe_policy.preparation import FIRST, GATE, Prepared
 from ocp_envs.trajectory import Trajectory
-
-# Numbers of the random streams: the part, then the purpose. A single network and a first expert share theirs, so that a
-# mixture of one expert is the single network.
-_GATE, _FIRST = 0, 1
-_WEIGHTS, _ORDER = 0, 1
 
 
 @dataclass(frozen=True)
@@ -63,66 +57,6 @@ class Annealing:
         return float(self.start * (self.end / self.start) ** progress)
 
 
-class _Data:
-    """Standardised samples as float32 tensors, and their split."""
-
-    def __init__(self, database: Samples | SampleSource, settings: TrainingSettings, seed: int) -> None:
-        samples = samples_of(database)
-        flat = samples.trajectory.flat()
-        self.problem: OptimalControlProblem = samples.problem
-        self.settings, self.seed = settings, seed
-        self.split = Split.draw(len(flat), settings.test_share, seed)
-        self.inputs = Standardizer.fit(samples.parameters[self.split.training])
-        self.outputs = Standardizer.fit(flat[self.split.training])
-        self._parameters, self._flat = samples.parameters, flat
-        self.scale_with(self.inputs, self.outputs)
-
-    def scale_with(self, inputs: Standardizer, outputs: Standardizer) -> None:
-        """Use the scalers of a planner that was trained before."""
-        self.inputs, self.outputs = inputs, outputs
-        self.x = torch.from_numpy(inputs.scale(self._parameters).astype(np.float32))
-        self.y = torch.from_numpy(outputs.scale(self._flat).astype(np.float32))
-
-    def planner(
-        self,
-        name: str,
-        network: SingleNetwork | MixtureOfExperts,
-        mixing: Mixing,
-        parts: Sequence[PartReport],
-        **details: Any,
-    ) -> NetworkPlanner:
-        rows = self.split.test
-        with torch.inference_mode():
-            mixed = isinstance(network, MixtureOfExperts)
-            predicted = network(self.x[rows], mixing) if mixed else network(self.x[rows])
-            report = TrainingReport(tuple(parts), float(F.smooth_l1_loss(predicted, self.y[rows])))
-        record = {
-            "seed": self.seed,
-            "samples": len(self.x),
-            "settings": dataclasses.asdict(self.settings),
-            **details,
-            "training": report.summary(),
-        }
-        return NetworkPlanner(self.problem, name, network, self.inputs, self.outputs, mixing, record, report)
-
-    def regress(self, network: SingleNetwork, split: Split, name: str, part: int) -> PartReport:
-        return minimise(
-            list(network.parameters()),
-            lambda x, y, epoch: F.smooth_l1_loss(network(x), y),
-            self.x,
-            self.y,
-            split,
-            name=name,
-            batch=self.settings.batch,
-            settings=self.settings,
-            generator=generator_for(self.seed, part, _ORDER),
-        )
-
-
-def _network(data: _Data, hidden: Sequence[int], part: int, outputs: int | None = None) -> SingleNetwork:
-    return SingleNetwork(layer_sizes(data.problem, tuple(hidden), outputs), generator_for(data.seed, part, _WEIGHTS))
-
-
 def fit_single(
     database: Samples | SampleSource,
     *,
@@ -143,13 +77,13 @@ def fit_single(
     Raises:
         ValueError: sizes that do not fit the problem, or unusable samples.
     """
-    data = _Data(database, settings, seed)
+    data = Prepared.of(database, settings, seed)
     hidden = architecture_of(data.problem).single if sizes is None else tuple(sizes)[1:-1]
     if sizes is not None and tuple(sizes) != layer_sizes(data.problem, hidden):
         first, last = layer_sizes(data.problem, ())
         raise ValueError(f"{data.problem.id} needs layer sizes ({first}, …, {last}), got {tuple(sizes)}")
-    network = _network(data, hidden, _FIRST)
-    return data.planner(name, network, ARGMAX, [data.regress(network, data.split, "single", _FIRST)])
+    network = data.network(hidden, FIRST)
+    return data.planner(name, network, ARGMAX, [data.regress(network, data.split, "single", FIRST)])
 
 
 def fit_mixture(
@@ -176,19 +110,19 @@ def fit_mixture(
     Raises:
         ValueError: labels of other samples, a cluster without a training sample, or unusable samples.
     """
-    data = _Data(database, settings, seed)
+    data = Prepared.of(database, settings, seed)
     if len(labels) != len(data.x):
         raise ValueError(f"got labels of {len(labels)} samples for {len(data.x)} samples; cluster this database")
     chosen = architecture or architecture_of(data.problem)
-    gate = _network(data, chosen.gate, _GATE, labels.k)
+    gate = data.network(chosen.gate, GATE, labels.k)
     parts = [_fit_gate(data, gate, labels)]
     experts = []
     for i, size in enumerate(labels.sizes):
         split = data.split.within(labels.values == i)
         if len(split.training) == 0:
             raise ValueError(f"cluster {i} ({labels.names[i]}) of {size} has no training sample; use fewer clusters")
-        expert = _network(data, chosen.expert(int(size), len(labels) / labels.k, labels.method), _FIRST + i)
-        parts.append(data.regress(expert, split, f"expert {i}", _FIRST + i))
+        expert = data.network(chosen.expert(int(size), len(labels) / labels.k, labels.method), FIRST + i)
+        parts.append(data.regress(expert, split, f"expert {i}", FIRST + i))
         experts.append(expert)
     clusters = {
         "method": labels.method,
@@ -200,7 +134,7 @@ def fit_mixture(
     return data.planner(name or default, MixtureOfExperts(gate, experts), mixing, parts, clusters=clusters)
 
 
-def _fit_gate(data: _Data, gate: SingleNetwork, labels: Labels) -> PartReport:
+def _fit_gate(data: Prepared, gate: SingleNetwork, labels: Labels) -> PartReport:
     wanted = torch.from_numpy(np.array(labels.values))
     report = minimise(
         list(gate.parameters()),
@@ -211,7 +145,7 @@ def _fit_gate(data: _Data, gate: SingleNetwork, labels: Labels) -> PartReport:
         name="gate",
         batch=data.settings.gate_batch,
         settings=data.settings,
-        generator=generator_for(data.seed, _GATE, _ORDER),
+        generator=data.order(GATE),
     )
     rows = data.split.test
     with torch.inference_mode():
@@ -220,7 +154,7 @@ def _fit_gate(data: _Data, gate: SingleNetwork, labels: Labels) -> PartReport:
 
 
 def _fit_whole(
-    data: _Data, network: MixtureOfExperts, mixing: Callable[[int], Mixing], frozen_gate: bool, settled: int
+    data: Prepared, network: MixtureOfExperts, mixing: Callable[[int], Mixing], frozen_gate: bool, settled: int
 ) -> PartReport:
     module = network.experts if frozen_gate else network
     return minimise(
@@ -232,7 +166,7 @@ def _fit_whole(
         name="mixture",
         batch=data.settings.batch,
         settings=data.settings,
-        generator=generator_for(data.seed, _GATE, _ORDER),
+        generator=data.order(GATE),
         settled=settled,
     )
 
@@ -260,10 +194,10 @@ def fit_mixture_jointly(
     """
     if k < 1:
         raise ValueError(f"k must be at least 1, got {k}")
-    data = _Data(database, settings, seed)
+    data = Prepared.of(database, settings, seed)
     chosen = architecture or architecture_of(data.problem)
-    gate = _network(data, chosen.gate, _GATE, k)
-    network = MixtureOfExperts(gate, [_network(data, chosen.experts.small, _FIRST + i) for i in range(k)])
+    gate = data.network(chosen.gate, GATE, k)
+    network = MixtureOfExperts(gate, [data.network(chosen.experts.small, FIRST + i) for i in range(k)])
 
     def mixing(epoch: int) -> Mixing:
         return Softmax(annealing.epsilon(epoch, settings.epochs))
@@ -297,12 +231,10 @@ def retrain(
     """
     if not isinstance(planner.network, MixtureOfExperts):
         raise TypeError(f"only a mixture can be retrained; {planner.name} is a single network")
-    data = _Data(database, settings, seed)
-    if data.problem.fingerprint != planner.problem.fingerprint:
-        raise ValueError(
-            f"the samples belong to {data.problem.id}, the planner to {planner.problem.id}, or a variant of it"
-        )
-    data.scale_with(planner.inputs, planner.outputs)
+    problem = samples_of(database).problem
+    if problem.fingerprint != planner.problem.fingerprint:
+        raise ValueError(f"the planner is for {planner.problem.id}, the samples of {problem.id} or of a variant of it")
+    data = Prepared.of(database, settings, seed, (planner.inputs, planner.outputs))
     old = planner.network
     network = MixtureOfExperts(_copy(old.gate), [_copy(expert) for expert in old.experts])
     part = _fit_whole(data, network, lambda epoch: mixing, isinstance(mixing, Argmax), 0)

@@ -10,11 +10,64 @@ from typing import Any
 
 import gymnasium as gym
 
-from ocp_envs.env import Env, VectorEnv
+from ocp_envs.description import describe
+from ocp_envs.env import Env
 from ocp_envs.problem import Goal, Modes, OptimalControlProblem, OutsideBoxError, winding_modes
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
+from ocp_envs.rendering import plot_trajectory
+from ocp_envs.simulation import Simulator
 from ocp_envs.system import Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory
+from ocp_envs.vector_env import VectorEnv
+
+__all__ = [
+    "Box",
+    "Coordinate",
+    "Database",
+    "Env",
+    "Goal",
+    "Modes",
+    "OptimalControlProblem",
+    "OutsideBoxError",
+    "Simulator",
+    "Solution",
+    "System",
+    "Trajectory",
+    "UnknownProblemError",
+    "VectorEnv",
+    "describe",
+    "generate",
+    "grid",
+    "load",
+    "names",
+    "plot_trajectory",
+    "register",
+    "sample",
+    "solve",
+    "winding_modes",
+]
+
+#: Imported when first asked for: who only steps an environment does not wait for solvers and databases.
+_LATER = {
+    "Database": "database",
+    "Solution": "solver",
+    "generate": "generation",
+    "grid": "sampling",
+    "sample": "sampling",
+    "solve": "solver",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'ocp_envs' has no attribute {name!r}")
+    value = getattr(importlib.import_module(f"ocp_envs.{_LATER[name]}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 def register(problem: OptimalControlProblem) -> None:
@@ -23,14 +76,17 @@ def register(problem: OptimalControlProblem) -> None:
     Registering the same object again changes nothing.
 
     Raises:
-        ValueError: another problem already has that id.
+        ValueError: another problem, or another package's environment, already has that id.
     """
+    entry_point = "ocp_envs.env:Env"
+    if problem.id in gym.registry and gym.registry[problem.id].entry_point != entry_point:
+        raise ValueError(f"Gymnasium already has an environment {problem.id!r}; give your problem another id")
     add(problem)
     if problem.id not in gym.registry:
         gym.register(
             id=problem.id,
-            entry_point="ocp_envs.env:Env",
-            vector_entry_point="ocp_envs.env:VectorEnv",
+            entry_point=entry_point,
+            vector_entry_point="ocp_envs.vector_env:VectorEnv",
             max_episode_steps=None,  # the time limit is the environment's own, in seconds
             kwargs={"problem": problem.id},
         )

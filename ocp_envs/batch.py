@@ -98,9 +98,9 @@ class BoundFunction:
         mapped = function if size == 1 else function.map(size)
         self._buffer, self._trigger = mapped.buffer()
         for i, array in enumerate(self.inputs):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, array.data)
         for i, array in enumerate(self.outputs):
-            self._buffer.set_res(i, memoryview(array))
+            self._buffer.set_res(i, array.data)
 
     def __call__(self) -> None:
         self._trigger()

@@ -86,7 +86,5 @@ def _violation(problem: OptimalControlProblem, trajectory: Trajectory, contexts:
     if not problem.n_clearances:
         return np.zeros(len(trajectory))
     size, knots, nx = trajectory.states.shape
-    (clearance,) = problem.batch_clearances()(
-        trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0)
-    )
+    (clearance,) = problem.batch_clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
     return np.asarray(np.maximum(-clearance.reshape(size, -1).min(axis=1), 0.0))

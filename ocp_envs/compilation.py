@@ -1,9 +1,10 @@
 """Compiled solver functions, kept in a folder private to the user.
 
-CasADi writes the functions of a nonlinear program (objective, constraints and their derivatives) as C; compiled they are
-three to five times as fast as interpreted. A library is named after the content it was made from: the serialised
-program, the solver that asks for it, the versions of CasADi and of the compiler, the flags and the CPU. It is built under a lock
-in a temporary folder and moved into place in one step, so processes may ask at once and a kill leaves nothing half made.
+CasADi writes the functions of a nonlinear program (objective, constraints and their derivatives) as C; compiled they
+are three to five times as fast as interpreted. A library is named after what it was made from: the serialised program,
+the solver that asks for it, the versions of CasADi and of the compiler, the flags and the CPU. It is built under a
+lock in a temporary folder and moved into place in one step, so processes may ask at once and a kill leaves nothing half
+done.
 
 Environment variables: ``OCP_ENVS_CACHE`` is the folder (default: the user's cache folder), ``CC`` the compiler.
 """
@@ -29,7 +30,7 @@ from filelock import FileLock
 FLAGS = ("-O1", "-fPIC", "-shared", "-w")
 
 
-class CompiledNotAvailable(UserWarning):  # noqa: N818 - a warning, not an error
+class CompiledNotAvailable(UserWarning):
     """Interpreted functions are used: results are the same, solves take several times as long."""
 
 

@@ -29,7 +29,7 @@ def guesses(
     Args:
         parameters: (B, np).
         windings: (B,) indices into ``problem.targets``.
-        rng: source of the random controls (piecewise constant) and of t_f, which is uniform in the upper 3/4 of its range.
+        rng: source of the random controls (piecewise constant) and of t_f (uniform in the upper 3/4 of its range).
         kind: see :data:`Kind`.
 
     Raises:

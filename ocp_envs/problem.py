@@ -151,6 +151,10 @@ class OptimalControlProblem:
         if self.rest is not None and self.rest.shape != (nx,):
             raise ValueError(f"{self.id}: rest must have shape ({nx},), got {self.rest.shape}")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Without what was derived and cached.
+        return OptimalControlProblem, tuple(getattr(self, field.name) for field in dataclasses.fields(self))
+
     # -- sizes -----------------------------------------------------------------------------------------------------
 
     @property
@@ -311,6 +315,9 @@ class OptimalControlProblem:
         """(x, s) → h (B, nh)."""
         x, _, s = self.symbols()
         return BatchFunction(dense_function("clearances", [x, s], [self.clearances(x, s)]))
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> OptimalControlProblem:
+        return self  # a value, and its functions could not be copied
 
     # -- variants and identity -------------------------------------------------------------------------------------
 

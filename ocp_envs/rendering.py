@@ -101,11 +101,15 @@ class Scene:
 
     def _add(self, shape: Shape) -> Any:
         if isinstance(shape, Line):
-            return self.axes.plot(*shape.points.T, color=shape.color, lw=shape.width, solid_capstyle="round", zorder=2)[0]
+            return self.axes.plot(*shape.points.T, color=shape.color, lw=shape.width, solid_capstyle="round", zorder=2)[
+                0
+            ]
         if self.space:
             x, y, z = _sphere(shape)
             return self.axes.plot_surface(x, y, z, color=shape.color, alpha=shape.alpha, linewidth=0)
-        circle = _matplotlib("patches").Circle(shape.center, shape.radius, fc=shape.color, alpha=shape.alpha, zorder=2.5)
+        circle = _matplotlib("patches").Circle(
+            shape.center, shape.radius, fc=shape.color, alpha=shape.alpha, zorder=2.5
+        )
         return self.axes.add_patch(circle)
 
     def _move(self, shape: Shape, old: Shape, artist: Any) -> Any:
@@ -140,8 +144,7 @@ class Scene:
             self._pyplot.close(self.figure)
 
 
-def _same_ball(a: Shape, b: Shape) -> bool:
-    assert isinstance(a, Ball) and isinstance(b, Ball)
+def _same_ball(a: Ball, b: Any) -> bool:
     same_look = (a.radius, a.color, a.alpha) == (b.radius, b.color, b.alpha)
     return same_look and np.array_equal(a.center, b.center)
 
@@ -157,8 +160,7 @@ def _sphere(ball: Ball) -> tuple[Array, Array, Array]:
 class Film:
     """What the environments remember for their pictures: states and cost since the start of each row's episode."""
 
-    def __init__(self, problem: OptimalControlProblem, dt: float, rows: int) -> None:
-        self.problem = problem
+    def __init__(self, dt: float, rows: int) -> None:
         self.dt = dt
         self._states: list[list[Array]] = [[] for _ in range(rows)]
         self._cost = np.zeros(rows)
@@ -176,22 +178,22 @@ class Film:
             self._states[row].append(states[row].copy())
         self._cost[rows] += cost[rows]
 
-    def _draw(self, row: int, context: Array, window: bool) -> Scene:
+    def _draw(self, problem: OptimalControlProblem, row: int, context: Array, window: bool) -> Scene:
         if not self._states[row]:
             raise ValueError("nothing to draw yet: call reset() before render()")
         if self._scene is None:
-            self._scene = Scene(self.problem, window)
+            self._scene = Scene(problem, window)
         time = (len(self._states[row]) - 1) * self.dt
         self._scene.draw(np.array(self._states[row]), context, time, float(self._cost[row]))
         return self._scene
 
-    def frame(self, row: int, context: Array) -> NDArray[np.uint8]:
+    def frame(self, problem: OptimalControlProblem, row: int, context: Array) -> NDArray[np.uint8]:
         """The picture of ``row`` as (height, width, 3)."""
-        return self._draw(row, context, window=False).pixels()
+        return self._draw(problem, row, context, window=False).pixels()
 
-    def show(self, row: int, context: Array) -> None:
+    def show(self, problem: OptimalControlProblem, row: int, context: Array) -> None:
         """The picture of ``row`` in a window."""
-        self._draw(row, context, window=True).show()
+        self._draw(problem, row, context, window=True).show()
 
     def close(self) -> None:
         """Close the window, if there is one."""

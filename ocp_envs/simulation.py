@@ -1,15 +1,17 @@
 """advance(): the only place where time passes.
 
-One tick of ``dt`` seconds is the Runge-Kutta map of the problem (:meth:`OptimalControlProblem.flow`) under a control that is
-held and clipped to its box. A tick gives the next state, the cost ∫L dt over the tick, whether the next state lies in the
-goal ball ‖x − goal‖ < radius, how far it violates the path constraints, and whether it left the operating box.
+One tick of ``dt`` seconds is the Runge-Kutta map of the problem (:meth:`OptimalControlProblem.flow`) under a control
+that is held and clipped to its box. A tick gives the next state, the cost ∫L dt over the tick, whether the next state
+lies in the goal ball ‖x − goal‖ < radius, how far it violates the path constraints, and whether it left the operating
+box.
 
-Nothing non-finite ever leaves: a state outside the operating box is clipped into it (a NaN counts as outside and becomes
-the lower bound), a NaN control becomes its lower bound, and the cost of a tick that left the box is bounded by the largest
-cost rate times dt.
+Nothing non-finite ever leaves: a state outside the operating box is clipped into it (a NaN counts as outside and
+becomes the lower bound), a NaN control becomes its lower bound, and the cost of a tick that left the box is bounded by
+the largest cost rate times dt. A cost that is not finite counts as leaving, too.
 
-*Measured* against SciPy's DOP853 over 0.02 s, random states and controls of the whole operating box: with one Runge-Kutta
-step per 0.02 s the pendulum is within 1e-9 and the quadcopter within 5e-6 (see ``tests/test_simulation.py``).
+Accuracy of one Runge-Kutta step over 0.02 s, *measured* against SciPy's DOP853: over the middle 30 % of the boxes of
+state and control all problems are within 5e-6. Over the whole boxes the pendulum is within 2e-9 and the vehicle within
+1e-4; the quadcopter, tumbling at 8 rad/s next to the singularity of its angles, is off by up to 7e-4 (median 8e-6).
 """
 
 from __future__ import annotations
@@ -71,7 +73,7 @@ def largest_cost_rate(problem: OptimalControlProblem) -> float:
     points = np.tile((lower + upper) / 2, (len(choice), 1))
     points[:, active] = np.where(choice, upper[active], lower[active])
     (values,) = BatchFunction(dense_function("cost_rate", [z], [rate]))(points)
-    return float(values.max())
+    return float(np.max(values, where=np.isfinite(values), initial=-np.inf))
 
 
 def _clip(values: ca.SX, box: Box) -> ca.SX:
@@ -89,7 +91,9 @@ def _tick(problem: OptimalControlProblem, dt: float, substeps: int, disturbed: b
     inside = ca.fabs(cost) < np.inf
     for i, coordinate in enumerate(system.state.coordinates):
         inside = ca.logic_and(inside, ca.logic_and(following[i] >= coordinate.lower, following[i] <= coordinate.upper))
-    reached = ca.logic_and(inside, ca.sumsqr(system.difference(following, ca.SX(problem.goal.state))) < problem.goal.radius**2)
+    reached = ca.logic_and(
+        inside, ca.sumsqr(system.difference(following, ca.SX(problem.goal.state))) < problem.goal.radius**2
+    )
     following = _clip(following, system.state)
     clearances = problem.clearances(following, s)
     violation = ca.fmax(0, -ca.mmin(clearances)) if problem.n_clearances else ca.SX(0)
@@ -97,7 +101,7 @@ def _tick(problem: OptimalControlProblem, dt: float, substeps: int, disturbed: b
     cost = ca.if_else(inside, cost, ca.fmax(ca.fmin(cost, most), -most))
     inputs = [x, u, s, w] if disturbed else [x, u, s]
     summary = ca.vertcat(cost, violation, reached, ca.logic_not(inside))
-    return dense_function("tick", inputs, [following, summary])
+    return dense_function("tick", inputs, ca.cse([following, summary]))
 
 
 class Simulator:

@@ -2,58 +2,45 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.check import Check, verify
-from ocp_envs.guesses import guesses
-from ocp_envs.nlp import NlpSolver, Result, SolverSettings, Status, Task
+from ocp_envs.guard import Factory, Guard
+from ocp_envs.guesses import Kind, guesses
+from ocp_envs.nlp import NlpSolver, SolverSettings, Status
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solutions import Solutions, best_per_mode, collect, make_tasks
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
-from ocp_envs.transcription import Transcription, transcribe
+from ocp_envs.transcription import transcribe
 
-__all__ = ["Check", "Solutions", "Solver", "SolverSettings", "Status", "guesses", "verify"]
+__all__ = [
+    "Check",
+    "GuardedSolver",
+    "Solution",
+    "Solutions",
+    "Solver",
+    "SolverSettings",
+    "Status",
+    "best_per_mode",
+    "guesses",
+    "solve",
+    "verify",
+]
 
 
-@dataclass(frozen=True, eq=False)
-class Solutions:
-    """How B solves ended.
-
-    Args:
-        trajectory: B trajectories, NaN where not solved.
-        cost: (B,), +inf where not solved.
-        multipliers: of the path constraint at the knots, (B, N, nh), ≥ 0, in units of cost per unit of clearance; NaN
-            where not solved.
-        status: (B,) int8, values of :class:`Status`.
-        iterations: (B,) int32, of both solvers together.
-        fallback: (B,) bool, whether the second solver was used.
-        seconds: (B,) time of the solve.
-    """
-
-    trajectory: Trajectory
-    cost: Array
-    multipliers: Array
-    status: NDArray[np.int8]
-    iterations: NDArray[np.int32]
-    fallback: NDArray[np.bool_]
-    seconds: Array
-
-    def __len__(self) -> int:
-        return len(self.cost)
-
-    @property
-    def solved(self) -> NDArray[np.bool_]:
-        return self.status == Status.SOLVED
+DEFAULT_SETTINGS = SolverSettings()
 
 
 class Solver:
     """Solves problems in this process; a solver that hangs hangs it (see :class:`GuardedSolver`)."""
 
-    def __init__(self, problem: OptimalControlProblem, settings: SolverSettings = SolverSettings()) -> None:
+    def __init__(self, problem: OptimalControlProblem, settings: SolverSettings = DEFAULT_SETTINGS) -> None:
         self.problem, self.settings = problem, settings
         self._transcription = transcribe(problem)
         self._nlp = NlpSolver(self._transcription, settings)
@@ -74,53 +61,118 @@ class Solver:
         return collect(self.problem, self._transcription, parameters, results)
 
 
-def make_tasks(
-    problem: OptimalControlProblem,
-    transcription: Transcription,
-    parameters: Array,
-    guesses: Trajectory,
-    windings: NDArray[np.integer],
-) -> list[Task]:
-    """The solves of a batch, validated and in scaled variables."""
-    windings = np.asarray(windings)
-    expected = (len(parameters), problem.knots, problem.system.nx)
-    if guesses.states.shape != expected or windings.shape != expected[:1]:
-        raise ValueError(
-            f"{problem.id}: expected guesses with states {expected} and windings {expected[:1]} for "
-            f"{len(parameters)} parameters; got {guesses.states.shape} and {windings.shape}"
-        )
-    if not guesses.finite.all():
-        raise ValueError(f"{problem.id}: guess {int(np.flatnonzero(~guesses.finite)[0])} is not finite")
-    count = len(problem.targets)
-    if len(windings) and not (-1 <= windings.min() and windings.max() < count):
-        raise ValueError(f"{problem.id}: windings must be -1 … {count - 1}, got {windings.min()} … {windings.max()}")
-    distance = np.abs((guesses.states[:, -1, None] - problem.targets) / problem.system.state.scale).sum(axis=2)
-    targets = np.where(windings < 0, distance.argmin(axis=1), windings)
-    fixed = np.concatenate(problem.start(parameters), axis=1)
-    return [Task(*row) for row in zip(transcription.pack(guesses), fixed, targets.tolist())]
+class GuardedSolver:
+    """Solves problems in a child process, which is replaced where a solve hangs or crashes.
+
+    The child starts with the first solve and ends with ``close``, the context or this process.
+
+    Args:
+        problem: the problem.
+        settings: settings of the solves.
+        factory: makes the solver in the child; for tests of what the guard guards against.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        settings: SolverSettings = DEFAULT_SETTINGS,
+        factory: Factory = NlpSolver,
+    ) -> None:
+        self.problem, self.settings = problem, settings
+        self._transcription = transcribe(problem)
+        self._guard = Guard(self._transcription, settings, factory)
+
+    def __enter__(self) -> GuardedSolver:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def start(self) -> None:
+        """Start the child now rather than with the first solve; compiles where that was not done before."""
+        self._guard.start()
+
+    def close(self) -> None:
+        """End the child."""
+        self._guard.close()
+
+    @property
+    def restarts(self) -> int:
+        """How often the child had to be replaced."""
+        return self._guard.restarts
+
+    def solve(self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer]) -> Solutions:
+        """As :meth:`Solver.solve`, whatever the solver does.
+
+        Raises:
+            RuntimeError: the child cannot be started.
+        """
+        tasks = make_tasks(self.problem, self._transcription, parameters, guesses, windings)
+        return collect(self.problem, self._transcription, parameters, self._guard.solve(tasks))
 
 
-def collect(
-    problem: OptimalControlProblem, transcription: Transcription, parameters: Array, results: Iterable[Result]
-) -> Solutions:
-    """Results in physical units, each checked independently of the solver."""
-    statuses, w, cost, lam_g, iterations, fallback, seconds = zip(*results) if parameters.size else ([],) * 7
-    status = np.array(statuses, dtype=np.int8)
-    starts, _ = problem.start(parameters)
-    trajectory = transcription.unpack(np.array(w).reshape(len(starts), -1), starts)
-    np.clip(trajectory.controls, problem.system.control.lower, problem.system.control.upper, out=trajectory.controls)
-    multipliers = transcription.clearance_multipliers(np.array(lam_g).reshape(len(starts), -1))
-    check = verify(problem, parameters, trajectory, np.array(cost))
-    status[(status == Status.SOLVED) & ~check.passed] = Status.CHECK_FAILED
-    failed = status != Status.SOLVED
-    for values in (trajectory.states, trajectory.controls, trajectory.duration, multipliers):
-        values[failed] = np.nan
-    return Solutions(
-        trajectory=trajectory,
-        cost=np.where(failed, np.inf, np.array(cost)),
-        multipliers=multipliers,
-        status=status,
-        iterations=np.array(iterations, dtype=np.int32),
-        fallback=np.array(fallback, dtype=bool),
-        seconds=np.array(seconds, dtype=np.float64),
-    )
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The best known optimum of one parameter, and the best of every mode that was found.
+
+    Args:
+        parameters: p, (np,).
+        modes: one row for each mode of the problem; EMPTY where none was found.
+        status: SOLVED where any mode was found, else how the first solve failed.
+    """
+
+    parameters: Array
+    modes: Solutions
+    status: Status
+
+    @property
+    def mode(self) -> int | None:
+        """The mode of the best optimum; ``None`` where nothing was found."""
+        return int(self.modes.cost.argmin()) if self.status == Status.SOLVED else None
+
+    @property
+    def cost(self) -> float:
+        """The lowest cost found; +inf where nothing was."""
+        return float(self.modes.cost.min())
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The best trajectory, a batch of one; NaN where nothing was found."""
+        return self.modes.trajectory[self.mode or 0]
+
+
+@lru_cache(maxsize=4)
+def _shared_solver(problem: OptimalControlProblem, process: int) -> GuardedSolver:
+    return GuardedSolver(problem)
+
+
+def solve(
+    problem: OptimalControlProblem, p: ArrayLike, *, extrapolate: bool = False, seed: int = 0, starts: int = 6
+) -> Solution:
+    """The best known optimum of one parameter, by multistart over the goal's windings.
+
+    The solver process is kept for the next call.
+
+    Args:
+        p: parameter, (np,).
+        extrapolate: accept a parameter outside the problem's box.
+        seed: of the random guesses.
+        starts: guesses for each winding: one straight line, the others random.
+
+    Raises:
+        ValueError: not one parameter, not finite, outside the box, or no starts.
+    """
+    parameters = problem.check_parameters(p, extrapolate)
+    if len(parameters) != 1 or starts < 1:
+        raise ValueError(f"solve takes one parameter and starts ≥ 1, got {len(parameters)} and {starts}")
+    rng, count = np.random.default_rng(seed), len(problem.targets)
+    windings = np.arange(count)
+    repeated = np.repeat(parameters, count, axis=0)
+    kinds: list[Kind] = ["line", *["drift"] * (starts - 1)]  # type: ignore[list-item]
+    tried = [guesses(problem, repeated, windings, rng, kind) for kind in kinds]
+    # A forked process must not talk to its parent's child.
+    solver = _shared_solver(problem, os.getpid())
+    solutions = solver.solve(np.tile(repeated, (starts, 1)), Trajectory.concatenate(tried), np.tile(windings, starts))
+    modes = best_per_mode(problem, solutions)
+    status = Status.SOLVED if solutions.solved.any() else Status(int(solutions.status[0]))
+    return Solution(parameters[0], modes, status)

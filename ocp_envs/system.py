@@ -155,6 +155,10 @@ class System:
         if rate.shape != (self.nx, 1):
             raise ValueError(f"{self.name}: dynamics returned {rate.shape[0]} components, expected {self.nx}")
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A read-only mapping does not pickle; functions travel by reference, or by value with cloudpickle.
+        return System, (self.name, self.state, self.control, dict(self.constants), self.dynamics)
+
     @property
     def nx(self) -> int:
         return len(self.state)

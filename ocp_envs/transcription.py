@@ -5,15 +5,16 @@ With N knots, intervals of equal length h = t_f/(N−1) and controls held within
     minimise    Σ_k cost(x_k, u_k, s, h_k)
     subject to  x_{k+1} − F(x_k, u_k, s, h_k) = 0,   h_{k+1} − h_k = 0,   clearances(x_k, s) ≥ 0   (k ≥ 1),
 
-where F and cost are ``problem.flow`` (Runge-Kutta of order four, Betts, *Practical Methods for Optimal Control*, ch. 4), x_0
-and the context s are parameters, and x_{N−1} lies within ±``GOAL_TOLERANCE`` (in scaled units) of the target. The step h is carried
-along as one more state, so that the program keeps the stagewise structure that fatrop exploits:
+where F and cost are ``problem.flow`` (Betts, *Practical Methods for Optimal Control and Estimation*, ch. 4), x_0 and
+the context s are parameters, and x_{N−1} lies within ±``GOAL_TOLERANCE`` (in scaled units) of the target. The step h is
+carried along as one more state, so that the program keeps the stagewise structure that fatrop exploits:
 
-    w = [h_0, u_0 | x_1, h_1, u_1 | … | x_{N−1}, h_{N−1}],   g = [gap_0 | gap_1, clearances_1 | … | clearances_{N−1}]
+    w = [h_0, u_0 | x_1, h_1, u_1 | … | x_{N−1}, h_{N−1}]
+    g = [gap_0 | gap_1, clearances_1 | … | clearances_{N−1}]
 
-Everything is scaled to order one: states by their scale, controls as the deviation from the control that holds the goal, by
-theirs, and h by half its upper bound. The target enters through the bounds of the last knot. Interior-point methods
-stagnate on equalities at the last knot, hence the small box.
+Everything is scaled to order one: states by their scale, controls as the deviation from the control that holds the
+goal, by theirs, and h by half its upper bound. The target enters through the bounds of the last knot; fatrop
+stagnates on equalities there, hence the small box.
 """
 
 from __future__ import annotations
@@ -135,64 +136,6 @@ class Transcription:
         return np.maximum(-lam_g[self.clearance_rows], 0.0)
 
 
-def _present(self) -> NDArray[np.bool_]:
-        """Which entries of the full table (N, nx + 1 + nu) of (x, h, u) are variables."""
-        return _present(self.knots, self.nx, self.nu)
-
-    @cached_property
-    def clearance_rows(self) -> NDArray[np.int64]:
-        """Where the clearances at the knots k ≥ 1 stand in g, (N − 1, nh)."""
-        gap, count = self.nx + 1, self.n_clearances
-        first = 2 * gap + (gap + count) * np.arange(self.intervals)
-        first[-1] -= gap  # there is no gap at the last knot
-        return first[:, None] + np.arange(count)
-
-    @cached_property
-    def constraint_bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds of g."""
-        lower = np.zeros((self.nx + 1 + self.n_clearances) * self.intervals)
-        upper = lower.copy()
-        upper[self.clearance_rows] = np.inf
-        return lower, upper
-
-    def bounds(self, target: Array) -> tuple[Array, Array]:
-        """Bounds of w for a goal state ``target`` (nx,)."""
-        lower, upper = self.lower.copy(), self.upper.copy()
-        last = slice(-(self.nx + 1), -1)
-        scaled = target / self.state_scale
-        lower[last], upper[last] = scaled - GOAL_TOLERANCE, scaled + GOAL_TOLERANCE
-        return lower, upper
-
-    def pack(self, trajectory: Trajectory) -> Array:
-        """Scaled variables (B, nw) of trajectories; the first state is not among them."""
-        table = np.zeros((len(trajectory), self.knots, self.nx + 1 + self.nu))
-        table[:, :, : self.nx] = trajectory.states / self.state_scale
-        table[:, :, self.nx] = (trajectory.step / self.step_scale)[:, None]
-        table[:, :-1, self.nx + 1 :] = (trajectory.controls - self.control_centre) / self.control_scale
-        return table[:, self._present]
-
-    def unpack(self, w: Array, starts: Array) -> Trajectory:
-        """Trajectories of scaled variables (B, nw) and start states (B, nx)."""
-        table = np.zeros((len(w), self.knots, self.nx + 1 + self.nu))
-        table[:, self._present] = w
-        states = table[:, :, : self.nx] * self.state_scale
-        states[:, 0] = starts
-        controls = table[:, :-1, self.nx + 1 :] * self.control_scale + self.control_centre
-        return Trajectory(states, controls, table[:, 0, self.nx] * self.step_scale * self.intervals)
-
-    def clearance_multipliers(self, lam_g: Array) -> Array:
-        """Multipliers of the clearances at the knots, (B, N, nh), ≥ 0 where the constraint holds the plan back.
-
-        Args:
-            lam_g: CasADi's multipliers of g, (B, ng), negative at lower bounds. Clearances and cost are not scaled, so these
-                are −∂J/∂(clearance) in units of cost per unit of clearance. They are zero at the first knot, which is given.
-        """
-        multipliers = np.zeros((len(lam_g), self.knots, self.n_clearances))
-        rows = lam_g.reshape(len(lam_g), self.intervals, self.nx + 1 + self.n_clearances)
-        multipliers[:, 1:] = np.maximum(-rows[:, :, self.nx + 1 :], 0.0)
-        return multipliers
-
-
 def _present(knots: int, nx: int, nu: int) -> NDArray[np.bool_]:
     present = np.ones((knots, nx + 1 + nu), dtype=bool)
     present[0, :nx] = False
@@ -208,8 +151,9 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
     present = _present(knots, system.nx, system.nu)
 
     def scaled(state: Array, step: float, control: Array) -> Array:
-        row = [state / system.state.scale, [step / step_scale], (control - centre) / system.control.scale]
-        return np.tile(np.concatenate(row), (knots, 1))[present]
+        scaled_control = (control - centre) / system.control.scale
+        row = np.concatenate([state / system.state.scale, np.array([step / step_scale]), scaled_control])
+        return np.tile(row, (knots, 1))[present]
 
     return Transcription(
         nlp=_program(problem, step_scale),

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from moe_policy.episodes import Episodes
 from moe_policy.evaluation import CostRatio, Share, cost_ratio, evaluate, time_planner
-from moe_policy.rollout import Episodes
 from tests.problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
 
@@ -87,7 +87,7 @@ def test_costs_are_compared_where_both_reach():
     assert cost_ratio(run, baseline) == CostRatio(5.0 / 3.0, 2)
     assert evaluate(DOUBLE_INTEGRATOR, run, baseline).cost_ratio == CostRatio(5.0 / 3.0, 2)
     nowhere = episodes(reached=[False] * 4)
-    assert np.isnan(cost_ratio(nowhere, baseline).ratio)
+    assert cost_ratio(nowhere, baseline) == CostRatio(None, 0)
     with pytest.raises(ValueError, match="same parameters"):
         cost_ratio(run, episodes(parameters=np.zeros((4, 2))))
 

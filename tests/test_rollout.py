@@ -9,9 +9,11 @@ from gymnasium.vector import VectorWrapper
 from moe_policy.policy import Schedule
 from moe_policy.rollout import Episodes, rollout
 from moe_policy.tracking import Stabilised, Stabiliser, TrackingPolicy
-from ocp_envs.env import Env, VectorEnv
+from ocp_envs import Env, VectorEnv
+from ocp_envs.guesses import guesses
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.simulation import Simulator
+from ocp_envs.solver import Solver
 from ocp_envs.trajectory import Trajectory
 from tests.problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR, rest_to_rest
 
@@ -62,6 +64,27 @@ def test_an_exact_plan_replayed_open_loop_through_the_simulator_gives_its_states
         x, cost = step.states, cost + step.cost
         np.testing.assert_allclose(x, plan.states[:, i + 1], atol=1e-12)
     np.testing.assert_allclose(cost, 4 * (1 + (STARTS[:, 0] / 4) ** 2 / 2), rtol=1e-12)
+
+
+def test_solved_plans_replay_through_the_simulator_and_track_to_the_goal():
+    """The transcription and the simulation never meet; their steps are the same all the same."""
+    rng = np.random.default_rng(4)
+    p = rng.uniform(PENDULUM.parameters.lower, PENDULUM.parameters.upper, (12, 2))
+    windings = np.ones(len(p), np.int64)
+    solutions = Solver(PENDULUM).solve(p, guesses(PENDULUM, p, windings, rng), windings)
+    p, plan, cost = (values[solutions.solved] for values in (p, solutions.trajectory, solutions.cost))
+    assert len(p) >= 8
+    for row in range(len(p)):
+        simulator = Simulator(PENDULUM, plan.step[row], PENDULUM.substeps)
+        x, paid = plan.states[row, :1], 0.0
+        for i in range(PENDULUM.knots - 1):
+            step = simulator.advance(x, plan.controls[row, i : i + 1], np.zeros((1, 0)))
+            x, paid = step.states, paid + step.cost[0]
+            np.testing.assert_allclose(x[0], plan.states[row, i + 1], atol=1e-4)
+        np.testing.assert_allclose(paid, cost[row], rtol=1e-5)
+    episodes = rollout(vector(PENDULUM, len(p)), TrackingPolicy(PENDULUM, lambda _: plan), p)
+    assert episodes.success.all()
+    assert episodes.plan_end_error.max() < 1e-3
 
 
 def test_batches_do_not_change_the_episodes():

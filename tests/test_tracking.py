@@ -263,18 +263,18 @@ def test_controls_stay_in_their_box():
 
 
 def wild_plans():
-    plan, contexts = random_plan(PENDULUM, 4, seed=8)
+    plan, _ = random_plan(PENDULUM, 4, seed=8)
     states, controls, duration = plan.states.copy(), plan.controls.copy(), plan.duration.copy()
     states[0, 3, 1] = np.nan
     duration[1] = -5.0
     duration[2] = 1e300
     states[3] *= 1e200
     controls[3] *= 1e200
-    return Trajectory(states, controls, duration), contexts
+    return Trajectory(states, controls, duration)
 
 
 def test_wild_plans_are_counted_and_never_give_nan():
-    plan, contexts = wild_plans()
+    plan = wild_plans()
     policy = TrackingPolicy(PENDULUM, lambda p: plan)
     start = np.array([[1.0, 0.0]] * 4)
     state = policy.start(start)
@@ -286,6 +286,21 @@ def test_wild_plans_are_counted_and_never_give_nan():
     assert np.isfinite(controls).all()
     stabilised, _ = replay(PENDULUM, Stabiliser(PENDULUM), None, start[:1], 420)
     np.testing.assert_allclose(states[0], stabilised[0], atol=1e-9)
+
+
+@pytest.mark.parametrize("problem", [PENDULUM, QUADCOPTER, WALLED_INTEGRATOR])
+@pytest.mark.parametrize("size", [1.0, 1e3, 1e150])
+def test_noise_is_tracked_without_nan(problem, size):
+    rng = np.random.default_rng(9)
+    nx, nu = problem.system.nx, problem.system.nu
+    states, controls = rng.normal(0, size, (6, problem.knots, nx)), rng.normal(0, size, (6, problem.knots - 1, nu))
+    plan = Trajectory(states, controls, rng.normal(2, size, 6))
+    p = rng.uniform(problem.parameters.lower, problem.parameters.upper, (6, len(problem.parameters)))
+    policy = TrackingPolicy(problem, lambda p: plan)
+    start, contexts = problem.start(p)
+    _, controls = replay(problem, policy, policy.start(p), start, 100, contexts)
+    assert np.isfinite(controls).all()
+    assert np.all((controls >= problem.system.control.lower) & (controls <= problem.system.control.upper))
 
 
 def test_all_plans_rejected():

@@ -1,0 +1,140 @@
+"""The comparison of planners and policies on the same starts: how each becomes a policy, and its row of the table.
+
+A planner is tracked with LQR and holds the goal after its plan. A learned policy acts until it first enters the goal ball
+and then holds the goal too, where the goal can be held. Rows are plain records, as they stand in the JSON files; the
+columns say how they are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from moe_policy.evaluation import Share, evaluate, time_planner
+from moe_policy.planner import NetworkPlanner
+from moe_policy.policy import Planner, Policy
+from moe_policy.reporting import Column, duration, share
+from moe_policy.rollout import Episodes, rollout
+from moe_policy.tracking import Stabilised, Stabiliser, TrackingPolicy
+from moe_policy.training import validation_error
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Contestant:
+    """Somebody who takes part.
+
+    Args:
+        name: one of the shipped names, such as ``"moe-custom"``.
+        actor: a planner (called with p) or a policy (with ``predict``).
+        data: what it learnt from, for the table.
+        seconds: what learning took, without the making of the data; ``None`` where nothing was learnt.
+    """
+
+    name: str
+    actor: Planner | Policy
+    data: str | None = None
+    seconds: float | None = None
+
+    @property
+    def planner(self) -> Planner | None:
+        """The actor if it plans."""
+        return None if hasattr(self.actor, "predict") else self.actor  # type: ignore[return-value]
+
+    def policy(self, problem: OptimalControlProblem, dt: float) -> Policy:
+        """The actor as a policy of control period ``dt``."""
+        if self.planner is not None:
+            return TrackingPolicy(problem, self.planner, dt)
+        acting: Any = self.actor
+        if isinstance(acting, Stabiliser) or problem.hold == 0:
+            return acting
+        return Stabilised(acting, problem, dt)
+
+
+def environments(problem: OptimalControlProblem, count: int, dt: float, **arguments: Any) -> Any:
+    """``count`` environments as :func:`~moe_policy.rollout` wants them."""
+    return gym.make_vec(
+        problem.id,
+        num_envs=count,
+        vectorization_mode="vector_entry_point",
+        autoreset_mode=gym.vector.AutoresetMode.DISABLED,
+        terminate_at_goal=False,
+        dt=dt,
+        **arguments,
+    )
+
+
+def run(
+    problem: OptimalControlProblem,
+    contestant: Contestant,
+    starts: Array,
+    *,
+    optimal: Trajectory | None = None,
+    baseline: Episodes | None = None,
+    dt: float = 0.02,
+    batches: tuple[int, ...] = (1, 1000),
+) -> tuple[dict[str, Any], Episodes]:
+    """Roll ``contestant`` out from ``starts`` and describe how it did.
+
+    Args:
+        problem: the problem.
+        contestant: who acts.
+        starts: parameters of the episodes, (B, np).
+        optimal: the optimal trajectories from them, for the prediction error of networks.
+        baseline: the episodes costs are compared with; a contestant's own where not given.
+        dt: control period, seconds.
+        batches: sizes of the batches whose planning is timed.
+
+    Returns:
+        the row as a JSON record, and the episodes.
+    """
+    envs = environments(problem, len(starts), dt)
+    episodes = rollout(envs, contestant.policy(problem, dt), starts)
+    envs.close()
+    planner = contestant.planner
+    row: dict[str, Any] = {"name": contestant.name, "data": contestant.data, "training_seconds": contestant.seconds}
+    row |= evaluate(problem, episodes, episodes if baseline is None else baseline).record()
+    if planner is not None:
+        row["planning_seconds"] = {str(k): v for k, v in time_planner(planner, starts, batches).items()}
+    for size in ("parameters_total", "parameters_active"):
+        row[size] = getattr(contestant.actor, size, None)
+    if isinstance(planner, NetworkPlanner):
+        row["test_error"] = planner.details["training"]["test_error"]
+        row["validation_error"] = None if optimal is None else validation_error(planner, starts, optimal)
+    return row, episodes
+
+
+# -- the table ---------------------------------------------------------------------------------------------------------
+
+
+def _share(record: Mapping[str, Any]) -> str:
+    return share(Share(record["count"], record["total"]))
+
+
+def _of(key: str, form: Callable[[Any], str]) -> Callable[[Any], str]:
+    return lambda record: form(record[key]) if record.get(key) is not None else "–"
+
+
+COLUMNS = (
+    Column("name", "policy"),
+    Column("success", "success (95 % interval)", _share),
+    Column("success_at_plan_end", "… at the plan's end", _share),
+    Column("plan_end_error_median", "error there", ".2g"),
+    Column("cost_ratio", "cost / optimal", _of("ratio", "{:.3f}".format)),
+    Column("test_error", "test error", ".2g"),
+    Column("validation_error", "validation error", ".2g"),
+    Column("planning_seconds", "plan, batch 1", _of("1", duration)),
+    Column("planning_seconds", "… batch 1000", _of("1000", duration)),
+    Column("data", "learnt from"),
+    Column("parameters_total", "weights", ","),
+    Column("parameters_active", "… active", ","),
+    Column("training_seconds", "training", duration),
+)

@@ -1,0 +1,109 @@
+"""The nonlinear program as a planner: solved from several guesses, the cheapest verified solution is the plan."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moe_policy.clustering import Samples, SampleSource, samples_of
+from moe_policy.planner import NearestPlanner, subset
+from moe_policy.scaling import Array
+from ocp_envs.guesses import guesses
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solver import GuardedSolver, Solutions
+from ocp_envs.trajectory import Trajectory
+
+_NEAREST_TARGET = -1
+
+
+class BatchSolver(Protocol):
+    """What solves a batch of problems from one guess each; ``GuardedSolver`` and ``Solver`` of ``ocp_envs`` do."""
+
+    def solve(self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer]) -> Solutions:
+        """Solve B problems."""
+
+
+class SolverPlanner:
+    """Plans by solving the nonlinear program.
+
+    Every p is started from the ``neighbours`` nearest samples of each mode in ``database``, and for every winding of
+    the goal from ``starts`` guesses with random controls. The guesses depend on the seed and on p alone, so a plan does
+    not depend on the batch it is made in.
+
+    Args:
+        problem: what to solve.
+        database: source of warm starts, a Database or its samples; without it random guesses must do.
+        neighbours: warm starts for each mode.
+        starts: random guesses for each winding; by default 1 beside warm starts, else 8.
+        seed: of the random guesses.
+        solver: what solves; by default a new ``GuardedSolver(problem)``.
+        name: short name for tables.
+
+    Raises:
+        ValueError: a database of another problem, or no guesses at all.
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        database: Samples | SampleSource | None = None,
+        *,
+        neighbours: int = 2,
+        starts: int | None = None,
+        seed: int = 0,
+        solver: BatchSolver | None = None,
+        name: str = "optimal",
+    ) -> None:
+        self.problem, self.name, self.seed = problem, name, seed
+        self.neighbours = neighbours
+        self.starts = (8 if database is None else 1) if starts is None else starts
+        self._families: list[NearestPlanner] = []
+        if database is not None and neighbours > 0:
+            samples = samples_of(database)
+            if samples.problem.id != problem.id:
+                raise ValueError(f"the database belongs to {samples.problem.id}, not to {problem.id}")
+            modes = np.unique(samples.mode)
+            self._families = [NearestPlanner(subset(samples, samples.mode == mode)) for mode in modes]
+        if self.starts < 0 or (self.starts == 0 and not self._families):
+            raise ValueError("no guesses: give a database with neighbours ≥ 1, or starts ≥ 1")
+        self.solver: BatchSolver = GuardedSolver(problem) if solver is None else solver
+
+    def __call__(self, p: ArrayLike) -> Trajectory:
+        """Plans of parameters (B, np) or (np,); NaN where no guess led to a verified solution."""
+        return self.best(p)[0]
+
+    def best(self, p: ArrayLike) -> tuple[Trajectory, Array]:
+        """The cheapest verified solution of B parameters, and its cost (B,); NaN and +inf where there is none."""
+        checked = self.problem.check_parameters(p, extrapolate=True)
+        rows, guess, windings = self._guesses(checked)
+        if not len(rows):
+            return guess, np.empty(0)
+        solutions = self.solver.solve(checked[rows], guess, windings)
+        # Sorted by row, then by cost: the first of every row is its best.
+        order = np.lexsort((solutions.cost, rows))
+        best = order[np.searchsorted(rows[order], np.arange(len(checked)))]
+        return solutions.trajectory[best], solutions.cost[best]
+
+    def _guesses(self, p: Array) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
+        """Row of p, guess and winding of every solve."""
+        every = np.arange(len(p))
+        rows, parts, windings = [], [], []
+        for family in self._families:
+            count = min(self.neighbours, len(family.parameters))
+            parts.append(family.trajectory[family.neighbours(p, count).ravel()])
+            rows.append(np.repeat(every, count))
+            windings.append(np.full(len(rows[-1]), _NEAREST_TARGET))
+        each = np.repeat(np.arange(len(self.problem.targets)), self.starts)
+        if len(each):
+            for row in every:
+                rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
+                parts.append(guesses(self.problem, np.repeat(p[row : row + 1], len(each), axis=0), each, rng))
+                rows.append(np.full(len(each), row))
+                windings.append(each)
+        if not parts:
+            system, knots = self.problem.system, self.problem.knots
+            parts = [Trajectory(np.empty((0, knots, system.nx)), np.empty((0, knots - 1, system.nu)), np.empty(0))]
+            return every, parts[0], every
+        return np.concatenate(rows), Trajectory.concatenate(parts), np.concatenate(windings)

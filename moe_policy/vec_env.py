@@ -1,0 +1,141 @@
+"""Our batched environments as a ``VecEnv`` of Stable-Baselines3, which does not take a Gymnasium ``VectorEnv``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+
+class SB3VecEnv(VecEnv):
+    """A Gymnasium vector environment behind Stable-Baselines3's interface, in one batch and without a loop over steps.
+
+    As there, a row whose episode ended restarts in the same step: the observation is the first of the new episode, and
+    ``info`` has ``terminal_observation`` and, like every step, ``TimeLimit.truncated``. ``seed(s)`` seeds row i with
+    s + i at the next reset. Rows share one environment, so attributes can be read for some rows and set for all.
+
+    Args:
+        envs: made with ``autoreset_mode="Disabled"``, so that an episode's last observation is seen; wrapped or not.
+
+    Raises:
+        ValueError: an environment that restarts by itself.
+    """
+
+    def __init__(self, envs: gym.vector.VectorEnv[Any, Any, Any]) -> None:
+        mode = envs.metadata.get("autoreset_mode")
+        if mode is not AutoresetMode.DISABLED:
+            raise ValueError(f'SB3VecEnv needs an environment made with autoreset_mode="Disabled", got {mode}')
+        self.envs = envs
+        self._actions: NDArray[Any] = np.zeros(0)
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+        self.metadata = dict(envs.metadata)
+
+    # -- running ---------------------------------------------------------------------------------------------------
+
+    def _reset_options_of(self, rows: Iterable[int]) -> dict[str, Any]:
+        """The options given for ``rows``, joined: parameters are stacked, anything else must agree."""
+        given = [self._options[row] for row in rows]
+        if not any(given):
+            return {}
+        if any(set(options) != set(given[0]) for options in given):
+            raise ValueError("set_options: every row must be given the same keys")
+        joined = dict(given[0])
+        if "parameters" in joined:
+            joined["parameters"] = np.stack([options["parameters"] for options in given])
+        return joined
+
+    def reset(self) -> NDArray[np.float32]:
+        """Start an episode in every row; first observations (num_envs, n). Seeds and options are used once."""
+        seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
+        options = self._reset_options_of(range(self.num_envs))
+        observations, info = self.envs.reset(seed=seeds, options=options)  # type: ignore[arg-type]
+        self.reset_infos = self._row_infos(info)
+        self._reset_seeds()
+        self._reset_options()
+        return observations
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Remember ``actions`` (num_envs, nu) for :meth:`step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Observations (num_envs, n), rewards, dones and infos of one step; ended rows have restarted."""
+        observations, rewards, terminated, truncated, info = self.envs.step(self._actions)
+        infos = self._row_infos(info)
+        for row_info, cut in zip(infos, truncated & ~terminated):
+            row_info["TimeLimit.truncated"] = bool(cut)
+        dones = terminated | truncated
+        if dones.any():
+            for row in np.flatnonzero(dones):
+                infos[row]["terminal_observation"] = observations[row].copy()
+            observations, info = self.envs.reset(options={"reset_mask": dones})
+            started = self._row_infos(info)
+            for row in np.flatnonzero(dones):
+                self.reset_infos[row] = started[row]
+        return observations, np.asarray(rewards, dtype=np.float32), dones, infos
+
+    def _row_infos(self, info: dict[str, Any]) -> list[dict[str, Any]]:
+        """Gymnasium's dictionary of arrays and masks as one dictionary a row."""
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for key, values in info.items():
+            mask = info.get(f"_{key}")
+            if mask is None:
+                continue
+            for row in np.flatnonzero(mask):
+                infos[row][key] = values[row]
+        return infos
+
+    def close(self) -> None:
+        """Close the environment."""
+        self.envs.close()
+
+    def get_images(self) -> list[NDArray[np.uint8] | None]:
+        """A frame for each row in mode ``"rgb_array"``."""
+        frames = self.envs.render()
+        return [None] * self.num_envs if frames is None else list(frames)  # type: ignore[arg-type]
+
+    # -- attributes ------------------------------------------------------------------------------------------------
+
+    def _owner(self, name: str) -> Any:
+        """The outermost of the wrappers and the environment that has the attribute ``name``."""
+        layer: Any = self.envs
+        while not hasattr(layer, name):
+            if layer is layer.unwrapped:
+                raise AttributeError(f"the environment has no attribute {name!r}")
+            layer = layer.env
+        return layer
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """The attribute for each of ``indices``: its row where it is an array with one row for each environment."""
+        value = getattr(self._owner(attr_name), attr_name)
+        rows = self._get_indices(indices)
+        if isinstance(value, np.ndarray) and value.shape[:1] == (self.num_envs,):
+            return [value[row] for row in rows]
+        return [value for _ in rows]
+
+    def _all_rows(self, what: str, indices: Any) -> None:
+        if len(set(self._get_indices(indices))) != self.num_envs:
+            raise ValueError(f"{what}: the rows are one batched environment; leave indices at None")
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Set the attribute of the batched environment, for all rows at once."""
+        self._all_rows("set_attr", indices)
+        setattr(self.envs.unwrapped, attr_name, value)
+
+    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+        """Call a method of the batched environment once; its result for every row."""
+        self._all_rows("env_method", indices)
+        result = getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)
+        return [result for _ in range(self.num_envs)]
+
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+        """Whether a vector wrapper of this class is around the environment."""
+        layer: Any = self.envs
+        while not isinstance(layer, wrapper_class) and layer is not layer.unwrapped:
+            layer = layer.env
+        return [isinstance(layer, wrapper_class) for _ in self._get_indices(indices)]

@@ -1,0 +1,135 @@
+"""What a reinforcement learner sees and does: features of the observation, and actions in [-1, 1].
+
+A learner gets the features φ(observation), in this order:
+
+    sin(2π x_i / period_i), cos(2π x_i / period_i)      for a periodic state coordinate
+    x_i / scale_i                                       for any other state coordinate
+    2 (s_j − lower_j) / (upper_j − lower_j) − 1         for a context coordinate
+
+and its action a ∈ [-1, 1]^nu stands for the control u = lower + (a + 1) (upper − lower) / 2. :class:`Features` and
+:class:`Actions` are these two maps; the scalar and the vector wrappers, and the policies of :mod:`moe_policy.actor`,
+apply them and nothing else.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from ocp_envs.problem import OptimalControlProblem
+
+Float32 = NDArray[np.float32]
+
+
+class Features:
+    """φ: observations (..., nx + nc) → features (..., n) in float32; whole turns of an angle make no difference.
+
+    Args:
+        problem: the problem whose observations these are.
+    """
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        self.problem = problem
+        state, context = problem.system.state, problem.context
+        self._angles = np.flatnonzero(state.periods > 0)
+        self._frequency = 2 * np.pi / state.periods[self._angles]
+        self._linear = np.concatenate([np.flatnonzero(state.periods == 0), len(state) + np.arange(len(context))])
+        middle = np.concatenate([np.zeros(len(state)), (context.lower + context.upper) / 2])
+        scale = np.concatenate([state.scale, (context.upper - context.lower) / 2])
+        self._middle, self._scale = middle[self._linear], scale[self._linear]
+        lower = np.concatenate([state.lower, context.lower])[self._linear]
+        upper = np.concatenate([state.upper, context.upper])[self._linear]
+        # Observations are float32, so what is made of them may lie a step outside of its box.
+        infinity, ones = np.float32(np.inf), np.ones(2 * len(self._angles), dtype=np.float32)
+        lower = np.nextafter(((lower - self._middle) / self._scale).astype(np.float32), -infinity)
+        upper = np.nextafter(((upper - self._middle) / self._scale).astype(np.float32), infinity)
+        self.space = gym.spaces.Box(np.append(-ones, lower), np.append(ones, upper), dtype=np.float32)
+
+    def __call__(self, observation: ArrayLike) -> Float32:
+        values = np.asarray(observation, dtype=np.float64)
+        expected = self.problem.system.nx + len(self.problem.context)
+        if values.shape[-1:] != (expected,):
+            raise ValueError(f"{self.problem.id}: expected observations (..., {expected}), got {values.shape}")
+        angles = values[..., self._angles] * self._frequency
+        linear = (values[..., self._linear] - self._middle) / self._scale
+        pairs = np.stack([np.sin(angles), np.cos(angles)], axis=-1).reshape(*angles.shape[:-1], -1)
+        return np.concatenate([pairs, linear], axis=-1).astype(np.float32)
+
+
+class Actions:
+    """Actions (..., nu) in [-1, 1] ↔ controls (..., nu) in their box; actions outside are clipped.
+
+    Args:
+        problem: the problem whose controls these are.
+    """
+
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        box = problem.system.control
+        self._lower, self._half = box.lower, (box.upper - box.lower) / 2
+        self.space = gym.spaces.Box(-1.0, 1.0, (len(box),), dtype=np.float32)
+
+    def controls(self, actions: ArrayLike) -> NDArray[np.float64]:
+        """Controls in physical units, float64."""
+        return self._lower + (np.clip(np.asarray(actions, dtype=np.float64), -1, 1) + 1) * self._half
+
+    def actions(self, controls: ArrayLike) -> NDArray[np.float64]:
+        """The inverse of :meth:`controls` inside the box."""
+        return (np.asarray(controls, dtype=np.float64) - self._lower) / self._half - 1
+
+
+class FeatureObservation(gym.ObservationWrapper[Float32, Any, Any]):
+    """An environment of :mod:`ocp_envs` observed through :class:`Features`."""
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._features = Features(env.unwrapped.problem)  # type: ignore[attr-defined]
+        self.observation_space = self._features.space
+
+    def observation(self, observation: Any) -> Float32:
+        """Features (n,) of an observation (nx + nc,)."""
+        return self._features(observation)
+
+
+class NormalisedAction(gym.ActionWrapper[Any, Any, Any]):
+    """An environment of :mod:`ocp_envs` with :class:`Actions` in [-1, 1]."""
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._actions = Actions(env.unwrapped.problem)  # type: ignore[attr-defined]
+        self.action_space = self._actions.space
+
+    def action(self, action: Any) -> NDArray[np.float64]:
+        """The control (nu,) that an action (nu,) stands for."""
+        return self._actions.controls(action)
+
+
+class VectorFeatureObservation(gym.vector.VectorObservationWrapper[Any, Any, Any, Any]):
+    """:class:`FeatureObservation` for a vector environment, in Gymnasium's modes NEXT_STEP and DISABLED."""
+
+    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
+        super().__init__(env)
+        self._features = Features(env.unwrapped.problem)  # type: ignore[attr-defined]
+        self.single_observation_space = self._features.space
+        self.observation_space = batch_space(self._features.space, env.num_envs)
+
+    def observations(self, observations: Any) -> Float32:
+        """Features (num_envs, n) of observations (num_envs, nx + nc)."""
+        return self._features(observations)
+
+
+class VectorNormalisedAction(gym.vector.VectorActionWrapper[Any, Any, Any, Any]):
+    """:class:`NormalisedAction` for a vector environment."""
+
+    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any]) -> None:
+        super().__init__(env)
+        self._actions = Actions(env.unwrapped.problem)  # type: ignore[attr-defined]
+        self.single_action_space = self._actions.space
+        self.action_space = batch_space(self._actions.space, env.num_envs)
+
+    def actions(self, actions: Any) -> NDArray[np.float64]:
+        """The controls (num_envs, nu) that actions (num_envs, nu) stand for."""
+        return self._actions.controls(actions)

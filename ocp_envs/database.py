@@ -1,0 +1,323 @@
+"""Databases of optimal trajectories on disk, one slot for each mode of each problem.
+
+A database is a Zarr group. Rows are stored in the order in which they were solved, ``order`` tells which parameter a row
+belongs to; all public methods speak of parameters in the order in which they were given. Arrays share their chunks along
+rows. A chunk of rows exists once its piece of ``status``, written last, is there; anything else is ignored and written
+anew, so a process may be killed at any moment. Every piece is written in one step and carries a checksum.
+
+    parameters (M, np), order (M,)           given
+    status (M,)                              how a row ended: SOLVED where any mode was found, −1 before
+    slot_status, cost (M, modes)             EMPTY and +inf where no trajectory of the mode was found
+    z (M, modes, flat_size)                  the best trajectory of the mode, NaN where empty
+    multipliers (M, modes, N, nh)            of the path constraint at the knots
+    solves, failures, fallbacks, iterations (M,)  what it took, over all solves of the row
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from numpy.typing import ArrayLike, NDArray
+from zarr.codecs import Crc32cCodec, ZstdCodec
+
+from ocp_envs import problems
+from ocp_envs.nlp import Status
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
+
+FORMAT = "ocp-moe database"
+VERSION = 1
+#: Status of a row that is not there yet.
+MISSING = -1
+_COUNTS = ("solves", "failures", "fallbacks", "iterations")
+
+
+class DatabaseError(ValueError):
+    """A database is missing, damaged, of another format, or made for something else."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """The best solution of each of M problems, in memory.
+
+    Args:
+        problem: the problem.
+        parameters: (M, np).
+        trajectory: M optimal trajectories.
+        cost: (M,).
+        mode: which of the problem's modes won, (M,).
+        multipliers: of the path constraint at the knots, (M, N, nh).
+        mode_costs: best cost of every mode, +inf where none was found, (M, modes).
+        index: number of the parameter in its database, (M,).
+    """
+
+    problem: OptimalControlProblem
+    parameters: Array
+    trajectory: Trajectory
+    cost: Array
+    mode: NDArray[np.int64]
+    multipliers: Array
+    mode_costs: Array
+    index: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.cost)
+
+    def __getitem__(self, rows: Any) -> Samples:
+        """The samples at ``rows`` (slice, mask or integer array)."""
+        parts = (self.parameters, self.trajectory, self.cost, self.mode, self.multipliers, self.mode_costs, self.index)
+        return Samples(self.problem, *(part[rows] for part in parts))
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What is stored of B problems; see the module for the arrays."""
+
+    status: NDArray[np.int8]
+    slot_status: NDArray[np.int8]
+    cost: Array
+    z: Array
+    multipliers: Array
+    solves: NDArray[np.int32]
+    failures: NDArray[np.int32]
+    fallbacks: NDArray[np.int32]
+    iterations: NDArray[np.int32]
+
+    @property
+    def winner(self) -> NDArray[np.int64]:
+        """The cheapest mode of each problem, (B,); meaningless where none was found."""
+        return np.asarray(self.cost.argmin(axis=1), dtype=np.int64)
+
+
+class Database:
+    """A database; made by :meth:`create` or :meth:`open`."""
+
+    def __init__(self, path: Path, group: zarr.Group, problem: OptimalControlProblem) -> None:
+        self.path, self.problem, self._group = path, problem, group
+        self._arrays: dict[str, Any] = dict(group.arrays())
+        self._order = np.asarray(self._read("order"))
+        self._rank = np.argsort(self._order)
+
+    # -- files -----------------------------------------------------------------------------------------------------
+
+    @classmethod
+    def create(
+        cls,
+        path: str | os.PathLike[str],
+        problem: OptimalControlProblem,
+        parameters: ArrayLike,
+        *,
+        order: ArrayLike | None = None,
+        settings: Mapping[str, Any] | None = None,
+        chunk: int = 100,
+    ) -> Database:
+        """An empty database for ``parameters`` (M, np).
+
+        Args:
+            path: folder, must not exist.
+            problem: what it is for.
+            parameters: (M, np).
+            order: which parameter each stored row belongs to, a permutation of 0 … M − 1.
+            settings: what it is made with, as JSON.
+            chunk: rows that are written at once.
+
+        Raises:
+            DatabaseError: the path exists.
+            ValueError: unusable parameters, or an order that is no permutation.
+        """
+        target = Path(path)
+        if target.exists():
+            raise DatabaseError(f"{target} exists already; open it, or remove it first")
+        p = problem.check_parameters(parameters, extrapolate=True)
+        rows = np.arange(len(p)) if order is None else np.asarray(order, dtype=np.int64)
+        if not np.array_equal(np.sort(rows), np.arange(len(p))):
+            raise ValueError(f"order must be a permutation of 0 … {len(p) - 1}")
+        temporary = target.with_name(f".{target.name}.{os.getpid()}")
+        shutil.rmtree(temporary, ignore_errors=True)
+        group = zarr.open_group(temporary, mode="w", zarr_format=3)
+        group.attrs.update(
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "problem": problem.id,
+                "fingerprint": problem.fingerprint,
+                "modes": list(problem.modes.names),
+                "chunk": chunk,
+                "settings": dict(settings or {}),
+            }
+        )
+        group.create_array("parameters", data=p)
+        group.create_array("order", data=rows)
+        for name, (shape, dtype, fill) in _layout(problem).items():
+            group.create_array(
+                name,
+                shape=(len(p), *shape),
+                chunks=(chunk, *(max(n, 1) for n in shape)),
+                dtype=dtype,
+                fill_value=fill,
+                compressors=[ZstdCodec(level=1), Crc32cCodec()],
+            )
+        os.replace(temporary, target)
+        return cls.open(target, problem)
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str], problem: OptimalControlProblem | None = None) -> Database:
+        """The database at ``path``.
+
+        Args:
+            path: its folder.
+            problem: what it is to be used for; by default the registered problem of the id it carries.
+
+        Raises:
+            DatabaseError: not a database, damaged, or made for another problem.
+        """
+        folder = Path(path)
+        if not folder.is_dir():
+            raise DatabaseError(f"there is no database at {folder}; make one with ocp_envs.generate")
+        try:
+            group = zarr.open_group(folder, mode="r+")
+            attributes = dict(group.attrs)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise DatabaseError(f"{folder} is not a database, or its description is damaged ({error})") from error
+        if attributes.get("format") != FORMAT:
+            raise DatabaseError(f"{folder} is not a database of this program: expected format {FORMAT!r}")
+        if attributes.get("version") != VERSION:
+            raise DatabaseError(
+                f"{folder} has format version {attributes.get('version')!r}, this program reads {VERSION}; generate it anew"
+            )
+        if problem is None:
+            problem = problems.load(str(attributes.get("problem")))
+        found = (attributes.get("problem"), attributes.get("fingerprint"))
+        if found != (problem.id, problem.fingerprint):
+            raise DatabaseError(
+                f"{folder} was made for {found[0]} with fingerprint {found[1]}, not for {problem.id} with "
+                f"{problem.fingerprint}: the problem is another one or has changed since; generate it anew"
+            )
+        missing = sorted({"parameters", "order", *_layout(problem)} - set(group.array_keys()))
+        if missing:
+            raise DatabaseError(f"{folder} is damaged: arrays {missing} are missing")
+        return cls(folder, group, problem)
+
+    def _read(self, name: str, rows: slice | None = None) -> NDArray[Any]:
+        try:
+            return np.asarray(self._arrays[name][rows or slice(None)])
+        except (OSError, ValueError, RuntimeError, KeyError) as error:
+            raise DatabaseError(f"{self.path} is damaged: {name} cannot be read ({error}); generate it anew") from error
+
+    # -- writing ---------------------------------------------------------------------------------------------------
+
+    @property
+    def chunk(self) -> int:
+        return int(self._group.attrs["chunk"])  # type: ignore[call-overload]
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What it was made with."""
+        return json.loads(json.dumps(self._group.attrs["settings"]))  # type: ignore[no-any-return]
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return -(-len(self) // self.chunk)
+
+    def stored_rows(self, chunk: int) -> slice:
+        """The stored rows of chunk number ``chunk``."""
+        return slice(chunk * self.chunk, min((chunk + 1) * self.chunk, len(self)))
+
+    def present(self) -> NDArray[np.bool_]:
+        """Which chunks are there, (chunks,)."""
+        return np.asarray(self._read("status")[:: self.chunk] != MISSING)
+
+    def stored_parameters(self, rows: slice) -> Array:
+        """Parameters of stored ``rows``."""
+        return np.asarray(self.parameters[self._order[rows]])
+
+    def write(self, chunk: int, rows: Rows) -> None:
+        """Write chunk number ``chunk``; ``status`` goes last."""
+        where = self.stored_rows(chunk)
+        for name in _layout(self.problem):
+            if name != "status":
+                self._arrays[name][where] = getattr(rows, name)
+        self._arrays["status"][where] = rows.status
+
+    # -- reading ---------------------------------------------------------------------------------------------------
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    @cached_property
+    def parameters(self) -> Array:
+        """All parameters in the order given, (M, np)."""
+        return np.asarray(self._read("parameters"))
+
+    @property
+    def complete(self) -> bool:
+        """Whether all chunks are there."""
+        return bool(self.present().all())
+
+    def stored(self, rows: slice) -> Rows:
+        """Stored ``rows``, as they lie on disk."""
+        return Rows(**{name: self._read(name, rows) for name in _layout(self.problem)})
+
+    def rows(self, indices: ArrayLike | None = None) -> Rows:
+        """Everything that is stored of the parameters ``indices``, all by default."""
+        everything = self.stored(slice(None))
+        chosen = self._rank if indices is None else self._rank[np.asarray(indices, dtype=np.int64)]
+        return Rows(**{name: getattr(everything, name)[chosen] for name in _layout(self.problem)})
+
+    def samples(self, indices: ArrayLike | None = None) -> Samples:
+        """The best solution of every parameter in ``indices`` (all by default) that has one, in their order."""
+        index = np.arange(len(self)) if indices is None else np.asarray(indices, dtype=np.int64)
+        rows = self.rows(index)
+        solved = rows.status == Status.SOLVED
+        at = np.flatnonzero(solved)
+        mode = rows.winner[at]
+        system = self.problem.system
+        return Samples(
+            problem=self.problem,
+            parameters=self.parameters[index[at]],
+            trajectory=Trajectory.from_flat(rows.z[at, mode], self.problem.knots, system.nx, system.nu),
+            cost=rows.cost[at, mode],
+            mode=mode,
+            multipliers=rows.multipliers[at, mode],
+            mode_costs=rows.cost[at],
+            index=index[at],
+        )
+
+    def totals(self) -> dict[str, int]:
+        """Sums over all problems that are there: problems, solved ones, solves, failed solves, fallbacks, iterations."""
+        status = self._read("status")
+        there = status != MISSING
+        record = {"problems": int(there.sum()), "solved": int((status == Status.SOLVED).sum())}
+        return record | {name: int(self._read(name)[there].sum()) for name in _COUNTS}
+
+    def digest(self) -> str:
+        """A hash of all arrays: equal for equal databases."""
+        sha = hashlib.sha256()
+        for name in ("parameters", "order", *sorted(_layout(self.problem))):
+            sha.update(np.ascontiguousarray(self._read(name)).tobytes())
+        return sha.hexdigest()
+
+
+def _layout(problem: OptimalControlProblem) -> dict[str, tuple[tuple[int, ...], str, float]]:
+    """Shape of a row, type and value before writing, of every array."""
+    modes = len(problem.modes)
+    layout: dict[str, tuple[tuple[int, ...], str, float]] = {
+        "status": ((), "int8", MISSING),
+        "slot_status": ((modes,), "int8", Status.EMPTY),
+        "cost": ((modes,), "float64", np.inf),
+        "z": ((modes, problem.flat_size), "float64", np.nan),
+        "multipliers": ((modes, problem.knots, problem.n_clearances), "float64", np.nan),
+    }
+    return layout | {name: ((), "int32", 0) for name in _COUNTS}

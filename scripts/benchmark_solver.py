@@ -1,0 +1,163 @@
+"""Verified solutions per second: this product's solver against plain CasADi ``Opti`` with IPOPT.
+
+Both get the same problems, guesses and nonlinear program (every winding of every parameter is one solve), tolerance 1e-6 and
+one core; ``Opti`` is built once and gets its parameters per solve. Everything is timed: the guard, the fallback, the transfer
+and the independent check. Building and compiling come before and are reported apart.
+
+    python scripts/benchmark_solver.py                # writes results/benchmark_solver.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+import ocp_envs
+from ocp_envs.nlp import Result, Status
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.records import provenance, write_json
+from ocp_envs.solutions import Solutions, collect, make_tasks
+from ocp_envs.solver import GuardedSolver, SolverSettings, guesses
+from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
+from ocp_envs.transcription import transcribe
+
+Solve = Callable[[Array, Trajectory, NDArray[np.int64]], Solutions]
+
+
+class PlainOpti:
+    """CasADi's ``Opti`` with IPOPT on the same program, as its documentation shows it."""
+
+    def __init__(self, problem: OptimalControlProblem, tolerance: float, expand: bool) -> None:
+        self.problem, self.program = problem, transcribe(problem)
+        lower, upper = (b for b in self.program.bounds(problem.targets[0]))
+        opti = ca.Opti()
+        self.w, self.p = opti.variable(len(lower)), opti.parameter(self.program.nlp.numel_in("p"))
+        self.lower, self.upper = opti.parameter(len(lower)), opti.parameter(len(upper))
+        cost, g = self.program.nlp(self.w, self.p)
+        low, high = self.program.constraint_bounds
+        opti.minimize(cost)
+        opti.subject_to(opti.bounded(self.lower, self.w, self.upper))
+        equal = np.flatnonzero(low == high).tolist()
+        opti.subject_to(g[equal] == 0)
+        if len(equal) < len(low):
+            opti.subject_to(g[np.flatnonzero(low != high).tolist()] >= 0)
+        opti.solver("ipopt", {"print_time": False, "expand": expand}, {"print_level": 0, "sb": "yes", "tol": tolerance})
+        self.opti, self.g = opti, g
+
+    def solve(self, parameters: Array, start: Trajectory, windings: NDArray[np.int64]) -> Solutions:
+        """The same as ``Solver.solve``, the independent check included."""
+        tasks = make_tasks(self.problem, self.program, parameters, start, windings)
+        return collect(self.problem, self.program, parameters, [self._one(*task) for task in tasks])
+
+    def _one(self, guess: Array, parameter: Array, target: int) -> Result:
+        began, opti = time.perf_counter(), self.opti
+        lower, upper = self.program.bounds(self.problem.targets[target])
+        opti.set_value(self.p, parameter)
+        opti.set_value(self.lower, lower)
+        opti.set_value(self.upper, upper)
+        opti.set_initial(self.w, guess)
+        try:
+            opti.solve()
+            status = Status.SOLVED
+        except RuntimeError:
+            status = Status.NOT_CONVERGED
+        w, cost = np.array(opti.debug.value(self.w)), float(opti.debug.value(opti.f))
+        iterations = int(opti.stats()["iter_count"])
+        unused = np.zeros(self.program.clearance_rows.shape)
+        return Result(status, w, cost, unused, iterations, False, time.perf_counter() - began)
+
+
+def neighbours(problem: OptimalControlProblem, solve: Solve, parameters: Array, size: int, seed: int) -> Trajectory:
+    """For every winding of every parameter, the solution of the nearest of ``size`` solved problems of that winding."""
+    count = len(problem.targets)
+    stored, windings = draw(problem, size, seed)
+    start = guesses(problem, stored, windings, np.random.default_rng(seed), "line")
+    solutions = solve(stored, start, windings)
+    warm = []
+    for winding in range(count):
+        usable = np.flatnonzero(solutions.solved & (windings == winding))
+        _, nearest = cKDTree(stored[usable]).query(parameters[winding::count])
+        warm.append(solutions.trajectory[usable[nearest]])
+    order = np.argsort(np.tile(np.arange(len(parameters) // count), count), kind="stable")
+    return Trajectory.concatenate(warm)[order]
+
+
+def draw(problem: OptimalControlProblem, size: int, seed: int) -> tuple[Array, NDArray[np.int64]]:
+    """Every winding of ``size`` uniform parameters."""
+    box, count = problem.parameters, len(problem.targets)
+    p = box.lower + np.random.default_rng(seed).random((size, len(box))) * (box.upper - box.lower)
+    return np.repeat(p, count, axis=0), np.tile(np.arange(count), size)
+
+
+def measure(solve: Solve, parameters: Array, start: Trajectory, windings: NDArray[np.int64]) -> dict[str, Any]:
+    """Rate and statistics of one method; a first few solves warm it up."""
+    few = slice(0, 3)
+    solve(parameters[few], start[few], windings[few])
+    began = time.perf_counter()
+    solutions = solve(parameters, start, windings)
+    seconds = time.perf_counter() - began
+    solved = solutions.solved
+    return {
+        "verified": int(solved.sum()),
+        "seconds": seconds,
+        "verified_per_second": float(solved.sum() / seconds),
+        "iterations_median": float(np.median(solutions.iterations[solved])),
+        "milliseconds_median": float(1e3 * np.median(solutions.seconds[solved])),
+        "fallbacks": int(solutions.fallback.sum()),
+        "statuses": {status.name: int((solutions.status == status).sum()) for status in Status},
+        "cost_sum": float(solutions.cost[solved].sum()),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--problem", default="PendulumSwingup-v0", help="name of the problem")
+    parser.add_argument("--size", type=int, default=200, help="number of parameters (default: %(default)s)")
+    parser.add_argument("--stored", type=int, default=500, help="solved parameters for warm starts")
+    parser.add_argument("--seed", type=int, default=20190622)
+    parser.add_argument("--output", type=Path, default=Path("results/benchmark_solver.json"))
+    arguments = parser.parse_args()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})  # the solver's child inherits it: one core for both
+
+    problem, settings = ocp_envs.load(arguments.problem), SolverSettings()
+    parameters, windings = draw(problem, arguments.size, arguments.seed)
+    report: dict[str, Any] = {"problem": problem.id, "seed": arguments.seed, "parameters": arguments.size}
+    report |= {"solves": len(parameters), "tolerance": settings.tolerance, "stored": arguments.stored}
+    with GuardedSolver(problem, settings) as ours:
+        began = time.perf_counter()
+        ours.start()
+        report["start_seconds"] = time.perf_counter() - began
+        methods: dict[str, Solve] = {"ours": ours.solve}
+        for name, expand in (("opti", False), ("opti_expanded", True)):
+            methods[name] = PlainOpti(problem, settings.tolerance, expand).solve
+        starts = {
+            "cold": guesses(problem, parameters, windings, np.random.default_rng(arguments.seed + 1), "drift"),
+            "warm": neighbours(problem, ours.solve, parameters, arguments.stored, arguments.seed + 2),
+        }
+        for kind, start in starts.items():
+            rows = {name: measure(solve, parameters, start, windings) for name, solve in methods.items()}
+            best = max(rows[name]["verified_per_second"] for name in ("opti", "opti_expanded"))
+            report[kind] = rows | {"ratio_to_the_better": rows["ours"]["verified_per_second"] / best}
+            for name, row in rows.items():
+                print(
+                    f"{kind:5s} {name:14s} {row['verified']:5d} verified of {len(parameters)}, "
+                    f"{row['verified_per_second']:8.1f} per second, {row['iterations_median']:.0f} iterations"
+                )
+            print(f"{kind:5s} ratio to the better Opti: {report[kind]['ratio_to_the_better']:.1f}")
+    write_json(arguments.output, report | {"provenance": provenance()})
+    print(f"written: {arguments.output}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""Write the tables of README.md from the records in ``results/``; ``--check`` only tells whether they agree.
+
+A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made from ``results/NAME.json``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from pathlib import Path
+
+from moe_policy.comparison import COLUMNS
+from moe_policy.reporting import Column, markdown_table
+
+ROOT = Path(__file__).resolve().parents[1]
+BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def columns_of(name: str) -> tuple[Column, ...]:
+    if name.startswith("compare_training"):
+        from moe_policy.comparison import TRAINING_COLUMNS
+
+        return TRAINING_COLUMNS
+    return COLUMNS
+
+
+def render(text: str) -> str:
+    def table(block: re.Match[str]) -> str:
+        record = json.loads((ROOT / "results" / f"{block[2]}.json").read_text())
+        return f"{block[1]}\n{markdown_table(record['rows'], columns_of(block[2]))}\n{block[3]}"
+
+    return BLOCK.sub(table, text)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 if README differs")
+    arguments = parser.parse_args()
+    path = ROOT / "README.md"
+    old = path.read_text()
+    new = render(old)
+    if arguments.check:
+        return int(old != new)
+    path.write_text(new)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,109 @@
+"""Train the reinforcement learner that the planners are compared with, and ship its policy.
+
+With no argument this is the recorded run of the shipped pendulum policy. After every evaluation on the development
+set the best policy so far is written to ``moe_policy/models/<env-id>/<algorithm>.safetensors`` and ``.json``, and the
+training curve to ``results/training_<algorithm>_<env-id>.json``, so that nothing is lost when a run is stopped.
+
+    python scripts/train_rl.py
+    python scripts/train_rl.py --trial "discount 0.98" --set gamma=0.98 steps=60000
+
+A trial of the search for settings ships nothing: it is added to ``results/search_<algorithm>_<env-id>.json``, and the
+recorded run repeats that list next to its curve.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+import ocp_envs
+from moe_policy.baselines import PPOSettings, RLSettings, SACSettings, TrainingRun, train
+from moe_policy.store import SHIPPED
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.records import provenance, write_json
+
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+ALGORITHMS: dict[str, type[RLSettings]] = {"sac": SACSettings, "ppo": PPOSettings}
+DEVELOPMENT_SEED, DEVELOPMENT_COUNT = 2, 1000
+DEVELOPMENT = {"set": "uniform in the parameter box", "seed": DEVELOPMENT_SEED, "count": DEVELOPMENT_COUNT}
+
+
+def development(problem: OptimalControlProblem) -> np.ndarray:
+    box = problem.parameters
+    draws = np.random.default_rng(DEVELOPMENT_SEED).random((DEVELOPMENT_COUNT, len(box)))
+    return box.lower + draws * (box.upper - box.lower)
+
+
+def override(algorithm: str, texts: list[str]) -> RLSettings:
+    """The settings of ``algorithm`` with ``name=value`` replaced."""
+    settings = ALGORITHMS[algorithm]
+    names = {f.name for f in dataclasses.fields(settings)}
+    values: dict[str, Any] = {}
+    for text in texts:
+        name, _, value = text.partition("=")
+        if name not in names or not value:
+            raise SystemExit(f"--set {text}: expected name=value with a name of {sorted(names)}")
+        try:
+            values[name] = ast.literal_eval(value)
+        except (ValueError, SyntaxError):
+            values[name] = value
+    return settings(**values)
+
+
+def read_search(path: Path) -> list[dict[str, Any]]:
+    return json.loads(path.read_text())["trials"] if path.exists() else []
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("env_id", nargs="?", default="PendulumSwingup-v0")
+    parser.add_argument("--algorithm", choices=sorted(ALGORITHMS), default="sac")
+    parser.add_argument(
+        "--set", nargs="*", default=[], metavar="NAME=VALUE", help="settings that differ from the defaults"
+    )
+    parser.add_argument("--trial", metavar="NOTE", help="a trial of the search: what is tried; nothing is shipped")
+    parser.add_argument("--models", type=Path, default=SHIPPED, help="folder of the shipped models")
+    parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the results")
+    arguments = parser.parse_args()
+
+    torch.set_num_threads(1)  # the networks are far too small for more
+    problem = ocp_envs.load(arguments.env_id)
+    settings = override(arguments.algorithm, arguments.set)
+    name = f"{arguments.algorithm}_{problem.id}"
+    search_path = arguments.results / f"search_{name}.json"
+    started = provenance()
+    bar = tqdm(total=settings.steps, unit="step", desc=name, mininterval=5)
+
+    earlier = read_search(search_path)
+
+    def report(run: TrainingRun) -> None:
+        last = run.curve[-1]
+        bar.update(last.steps - bar.n)
+        cost = "-" if last.cost is None else f"{last.cost:.3f}"
+        bar.write(
+            f"{last.steps:9d} steps {last.seconds:6.0f} s  success {last.success} cost {cost} score {last.score:.3f}"
+        )
+        complete = last.steps >= settings.steps
+        record = {**run.record(), "complete": complete, "development": DEVELOPMENT, "provenance": started}
+        if arguments.trial:
+            write_json(search_path, {"env_id": problem.id, "trials": [*earlier, {"note": arguments.trial, **record}]})
+            return
+        run.policy.save(arguments.models / problem.id / arguments.algorithm)
+        write_json(arguments.results / f"training_{name}.json", {"env_id": problem.id, **record, "search": earlier})
+
+    run = train(problem, settings, development(problem), on_evaluation=report, details={"development": DEVELOPMENT})
+    bar.close()
+    best = run.best
+    print(f"best after {best.steps} steps: success {best.success} of {DEVELOPMENT_COUNT}, mean cost {best.cost}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,219 @@
+"""Actors rebuilt from their tensors, policies at their own pace, and short trainings."""
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import torch
+
+import ocp_envs
+from moe_policy import store
+from moe_policy.actor import Actor, LearnedPolicy
+from moe_policy.baselines import PPOSettings, SACSettings, train, training_env
+from moe_policy.rollout import rollout
+from moe_policy.tracking import Stabilised
+from moe_policy.wrappers import Features
+from ocp_envs.problems.pendulum import PENDULUM
+from tests.problems import DOUBLE_INTEGRATOR
+
+SAC = SACSettings(steps=400, learning_starts=200, gradient_steps=1, n_envs=4, hidden=(8, 16), evaluate_every=200)
+PPO = PPOSettings(steps=512, n_envs=8, n_steps=16, batch_size=64, n_epochs=2, hidden=(8, 16), evaluate_every=256)
+DEVELOPMENT = np.array([[0.5, 0.5], [3.0, 0.0], [3.2, 0.05], [5.0, -1.0]])
+
+
+def make_envs(problem, count, **arguments):
+    return gym.make_vec(problem.id, num_envs=count, terminate_at_goal=False, autoreset_mode="Disabled", **arguments)
+
+
+def random_policy(**arguments):
+    torch.manual_seed(0)
+    return LearnedPolicy(PENDULUM, Actor([3, 8, 1], "relu", "tanh"), period=0.1, **arguments)
+
+
+def observations(count, seed=0):
+    box = PENDULUM.system.state
+    return (box.lower + np.random.default_rng(seed).random((count, 2)) * (box.upper - box.lower)).astype(np.float32)
+
+
+# -- the actor ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [SAC, PPO], ids=["sac", "ppo"])
+def test_the_rebuilt_actor_does_what_stable_baselines_does(settings, tmp_path):
+    learner = settings.learner(training_env(PENDULUM, settings.n_envs, settings.period))
+    learner.learn(settings.steps)
+    policy = LearnedPolicy(PENDULUM, settings.actor(learner), period=0.1, algorithm=settings.algorithm)
+    policy.save(tmp_path / "rl")
+    seen = observations(200)
+    expected, _ = learner.predict(Features(PENDULUM)(seen), deterministic=True)
+    assert np.ptp(expected) > 1e-3, "a constant would prove nothing"
+    for candidate in (policy, store.load_file(tmp_path / "rl")):
+        np.testing.assert_allclose(candidate.controls(seen), expected, atol=2e-6)
+
+
+def test_an_actor_computes_its_formula():
+    torch.manual_seed(1)
+    actor = Actor([3, 4, 2], "tanh", "clip")
+    (w1, b1), (w2, b2) = [(layer.weight.detach().numpy(), layer.bias.detach().numpy()) for layer in actor.layers]
+    x = np.random.default_rng(0).standard_normal((50, 3)).astype(np.float32) * 5
+    expected = np.clip(np.tanh(x @ w1.T + b1) @ w2.T * 3 + b2 * 3, -1, 1)
+    with torch.no_grad():
+        actor.layers[-1].weight *= 3
+        actor.layers[-1].bias *= 3
+        np.testing.assert_allclose(actor(torch.from_numpy(x)).numpy(), expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("arguments", [([3], "relu", "tanh"), ([3, 1], "gelu", "tanh"), ([3, 1], "relu", "none")])
+def test_an_actor_of_unknown_parts_is_refused(arguments):
+    with pytest.raises(ValueError, match="expected at least two sizes"):
+        Actor(*arguments)
+
+
+# -- the policy at its own pace ----------------------------------------------------------------------------------------
+
+
+def test_a_decision_is_held_for_a_period_in_every_row_by_itself():
+    policy, state = random_policy(), None
+    decided = np.zeros((3, 1))
+    ages = np.zeros(3, int)
+    for tick in range(23):
+        seen = observations(3, seed=tick)
+        start = np.array([tick == 0, tick in (0, 7), tick in (0, 12, 13)])
+        ages[start] = 0
+        controls, state = policy.predict(seen, state=state, episode_start=start)
+        due = ages % 5 == 0
+        decided[due] = policy.controls(seen)[due]
+        np.testing.assert_array_equal(controls, decided)
+        ages += 1
+
+
+def test_one_observation_or_a_batch_of_one():
+    policy, seen = random_policy(), observations(1)
+    single, state = policy.predict(seen[0])
+    batch, _ = policy.predict(seen)
+    assert single.shape == (1,)
+    np.testing.assert_array_equal(single, batch[0])
+    again, _ = policy.predict(observations(1, seed=9)[0], state=state)
+    np.testing.assert_array_equal(again, single)
+
+
+def test_the_hold_reproduces_the_environment_the_learner_saw():
+    """Five held ticks of 0.02 s are one step of 0.1 s, so states and costs agree at the decisions."""
+    policy = random_policy()
+    fine, coarse = make_envs(PENDULUM, 5), make_envs(PENDULUM, 5, dt=0.1)
+    p = np.array([[0.1, 0.0], [2.0, 1.0], [3.0, -1.0], [4.5, 2.0], [6.0, -2.0]])
+    seen_fine, _ = fine.reset(options={"parameters": p})
+    seen_coarse, _ = coarse.reset(options={"parameters": p})
+    slow, state_fine, state_coarse = policy.at(0.1), None, None
+    for _ in range(40):
+        cost = 0.0
+        for _ in range(5):
+            controls, state_fine = policy.predict(seen_fine, state=state_fine)
+            seen_fine, reward, *_ = fine.step(controls)
+            cost = cost - reward
+        controls, state_coarse = slow.predict(seen_coarse, state=state_coarse)
+        seen_coarse, reward, *_ = coarse.step(controls)
+        np.testing.assert_allclose(fine.unwrapped.state, coarse.unwrapped.state, atol=1e-5)
+        np.testing.assert_allclose(cost, -reward, atol=1e-5)
+
+
+def test_a_period_must_be_a_multiple_of_the_control_period():
+    with pytest.raises(ValueError, match=r"decides every 0\.1 s, which is no multiple of the control period of 0\.03"):
+        random_policy(dt=0.03)
+    with pytest.raises(ValueError, match="no multiple"):
+        random_policy().at(0.2)
+    with pytest.raises(ValueError, match="no multiple"):
+        random_policy(dt=0.0)
+
+
+def test_a_recurrent_state_of_other_episodes_and_a_foreign_actor_are_refused():
+    policy = random_policy()
+    _, state = policy.predict(observations(3))
+    with pytest.raises(ValueError, match="2 observations with the recurrent state of 3"):
+        policy.predict(observations(2), state=state)
+    with pytest.raises(ValueError, match="from 3 features to 1 actions"):
+        LearnedPolicy(PENDULUM, Actor([4, 1], "relu", "tanh"), period=0.1)
+
+
+# -- files -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_damaged_or_foreign_policy_file_is_refused(tmp_path):
+    path = tmp_path / "sac"
+    random_policy(details={"note": "x"}).save(path)
+    loaded = store.load_file(path)
+    assert (loaded.period, loaded.dt, loaded.algorithm, loaded.details) == (0.1, 0.02, "sac", {"note": "x"})
+    assert loaded.parameter_count == 3 * 8 + 8 + 8 + 1
+    with pytest.raises(store.ModelFileError, match="not for"):
+        store.load_file(path, PENDULUM.with_constants(mass=2.0))
+    description = json.loads((tmp_path / "sac.json").read_text())
+    (tmp_path / "sac.json").write_text(json.dumps({**description, "sizes": [3, 9, 1]}))
+    with pytest.raises(store.ModelFileError, match="do not fit together"):
+        store.load_file(path)
+    (tmp_path / "sac.json").write_text(json.dumps(description))
+    (tmp_path / "sac.safetensors").write_bytes((tmp_path / "sac.safetensors").read_bytes()[:-7])
+    with pytest.raises(store.ModelFileError, match="truncated"):
+        store.load_file(path)
+
+
+# -- training ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("settings", [SAC, PPO], ids=["sac", "ppo"])
+def test_training_reports_and_keeps_the_best(settings):
+    reports = []
+    run = train(PENDULUM, settings, DEVELOPMENT, on_evaluation=reports.append)
+    assert [e.steps for e in run.curve] == [settings.evaluate_every, 2 * settings.evaluate_every]
+    assert [len(r.curve) for r in reports] == [1, 2]
+    assert run.best.score == min(e.score for e in run.curve)
+    assert run.policy.details["steps"] == run.best.steps
+    record = json.loads(json.dumps(run.record(), allow_nan=False))
+    assert record["settings"]["steps"] == settings.steps
+    assert record["curve"][-1]["seconds"] > 0
+    episodes = rollout(make_envs(PENDULUM, 4), Stabilised(run.policy, PENDULUM), DEVELOPMENT)
+    failed = 2 * PENDULUM.time_limit  # the largest cost rate of the pendulum is 2
+    assert run.best.score == pytest.approx(np.where(episodes.success, episodes.cost, failed).mean())
+    assert run.best.success == episodes.success.sum()
+
+
+def test_training_is_reproducible():
+    runs = [train(PENDULUM, SAC, DEVELOPMENT) for _ in range(2)]
+    states = [run.policy.actor.state_dict() for run in runs]
+    for name in states[0]:
+        torch.testing.assert_close(states[0][name], states[1][name], rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [({"gamma": 1.5}, "gamma"), ({"steps": 0}, "steps"), ({"final_learning_rate": 1.0}, "final_learning_rate")],
+)
+def test_settings_out_of_range_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        SACSettings(**change)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["sac", "ppo"])
+def test_both_learners_solve_the_double_integrator(algorithm):
+    ocp_envs.register(DOUBLE_INTEGRATOR)
+    box = DOUBLE_INTEGRATOR.parameters
+    development = np.random.default_rng(0).uniform(box.lower, box.upper, (100, 2))
+    settings = {
+        "sac": SACSettings(steps=24_000, evaluate_every=6_000),
+        "ppo": PPOSettings(steps=400_000, evaluate_every=100_000),
+    }[algorithm]
+    assert train(DOUBLE_INTEGRATOR, settings, development).best.success >= 90
+
+
+# -- what is shipped ---------------------------------------------------------------------------------------------------
+
+
+def test_the_shipped_policy_is_a_fair_opponent():
+    if "sac" not in store.available(PENDULUM.id):
+        pytest.skip("no policy is shipped yet")
+    box = PENDULUM.parameters
+    p = np.random.default_rng(99).uniform(box.lower, box.upper, (1000, 2))
+    policy = store.load(PENDULUM.id, "sac")
+    episodes = rollout(make_envs(PENDULUM, 1000), Stabilised(policy, PENDULUM), p)
+    assert episodes.success.sum() >= 950
