@@ -25,7 +25,7 @@ from safetensors.numpy import save as save_tensors
 
 from ocp_envs import problems
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance
+from ocp_envs.records import provenance, write_json
 
 FORMAT = "ocp-moe model"
 VERSION = 1
@@ -113,10 +113,9 @@ def write_model(
         **description,
         "provenance": provenance(),
     }
-    text = json.dumps(record, indent=1, allow_nan=False) + "\n"
     tensor_path.parent.mkdir(parents=True, exist_ok=True)
     _write_atomically(tensor_path, content)
-    _write_atomically(json_path, text.encode())
+    write_json(json_path, record)
 
 
 def read_model(path: str | os.PathLike[str]) -> ModelFile:

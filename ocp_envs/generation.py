@@ -91,7 +91,7 @@ class Task:
         settings: how.
         seed: of the chunk's random guesses.
         parameters: (B, np).
-        owner, z, winding: row, flat guess and winding of every warm start.
+        owner, z: row and flat guess of every warm start.
         cold: random guesses for every winding.
     """
 
@@ -150,7 +150,7 @@ def _multistart(
         open_ = np.flatnonzero(reached | (attempt < _PATIENCE))
         if not len(open_):
             return
-        found = solver.solve(task.parameters[rows[open_]], guess[open_], windings[open_])
+        found = solver.solve(task.parameters[rows[open_]], guess[open_], windings[open_], persist=False)
         reached[open_] |= found.solved
         yield rows[open_], found
 

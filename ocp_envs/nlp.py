@@ -65,11 +65,14 @@ class SolverSettings:
 
 
 class Task(NamedTuple):
-    """One solve in scaled variables: guess w (nw,), parameter [x_0; s], index of the target."""
+    """One solve in scaled variables: guess w (nw,), parameter [x_0; s], index of the target, and whether the fallback
+    goes on where the primary solver did not converge.
+    """
 
     guess: Array
     parameter: Array
     target: int
+    persist: bool = True
 
 
 class Result(NamedTuple):
@@ -109,7 +112,7 @@ class NlpSolver:
         if not skip_primary:
             backend = self._primary
             solved, iterations = backend.run(task, *bounds)
-        if not solved:
+        if not solved and (task.persist or skip_primary):
             if not skip_primary and np.isfinite(self._primary.w).all():
                 task = task._replace(guess=self._primary.w)
             backend = self._fallback

@@ -45,18 +45,22 @@ class Solver:
         self._transcription = transcribe(problem)
         self._nlp = NlpSolver(self._transcription, settings)
 
-    def solve(self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer]) -> Solutions:
+    def solve(
+        self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer], persist: bool = True
+    ) -> Solutions:
         """Solve B problems, each from one guess.
 
         Args:
             parameters: (B, np).
             guesses: B trajectories.
             windings: (B,) indices into ``problem.targets``; −1 takes the target nearest to the guess's end.
+            persist: whether the fallback solver goes on where the primary did not converge; a caller with many guesses
+                had better try the next one.
 
         Raises:
             ValueError: shapes or windings that do not fit, guesses that are not finite.
         """
-        tasks = make_tasks(self.problem, self._transcription, parameters, guesses, windings)
+        tasks = make_tasks(self.problem, self._transcription, parameters, guesses, windings, persist)
         results = [self._nlp.solve(task) for task in tasks]
         return collect(self.problem, self._transcription, parameters, results)
 
@@ -101,13 +105,15 @@ class GuardedSolver:
         """How often the child had to be replaced."""
         return self._guard.restarts
 
-    def solve(self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer]) -> Solutions:
+    def solve(
+        self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer], persist: bool = True
+    ) -> Solutions:
         """As :meth:`Solver.solve`, whatever the solver does.
 
         Raises:
             RuntimeError: the child cannot be started.
         """
-        tasks = make_tasks(self.problem, self._transcription, parameters, guesses, windings)
+        tasks = make_tasks(self.problem, self._transcription, parameters, guesses, windings, persist)
         return collect(self.problem, self._transcription, parameters, self._guard.solve(tasks))
 
 
