@@ -29,7 +29,7 @@ def guesses(
     Args:
         parameters: (B, np).
         windings: (B,) indices into ``problem.targets``.
-        rng: source of the random controls (piecewise constant) and of t_f (uniform in the upper 3/4 of its range).
+        rng: source of the random controls (piecewise constant) and of t_f (uniform in the third quarter of its range).
         kind: see :data:`Kind`.
 
     Raises:
@@ -40,7 +40,7 @@ def guesses(
     size, knots, system = len(parameters), problem.knots, problem.system
     starts, contexts = problem.start(parameters)
     shortest, longest = problem.duration
-    duration = shortest + (longest - shortest) * rng.uniform(0.25, 1.0, size)
+    duration = shortest + (longest - shortest) * rng.uniform(0.5, 0.75, size)
     progress = np.linspace(0.0, 1.0, knots)[:, None]
     targets = problem.targets[windings]
     if kind == "line":

@@ -178,7 +178,9 @@ def solve(
     tried = [guesses(problem, repeated, windings, rng, kind) for kind in kinds]
     # A forked process must not talk to its parent's child.
     solver = _shared_solver(problem, os.getpid())
-    solutions = solver.solve(np.tile(repeated, (starts, 1)), Trajectory.concatenate(tried), np.tile(windings, starts))
+    solutions = solver.solve(
+        np.tile(repeated, (starts, 1)), Trajectory.concatenate(tried), np.tile(windings, starts), persist=False
+    )
     modes = best_per_mode(problem, solutions)
     status = Status.SOLVED if solutions.solved.any() else Status(int(solutions.status[0]))
     return Solution(parameters[0], modes, status)

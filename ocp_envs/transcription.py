@@ -86,6 +86,12 @@ class Transcription:
         return _present(self.knots, self.nx, self.nu)
 
     @cached_property
+    def _is_step(self) -> NDArray[np.bool_]:
+        """Which variables are steps, (nw,)."""
+        column = np.arange(self.nx + 1 + self.nu) == self.nx
+        return np.tile(column, (self.knots, 1))[self._present]
+
+    @cached_property
     def clearance_rows(self) -> NDArray[np.int64]:
         """Where the clearances at the knots k ≥ 1 stand in g, (N − 1, nh)."""
         gap, count = self.nx + 1, self.n_clearances
@@ -125,6 +131,10 @@ class Transcription:
         states[:, 0] = starts
         controls = table[:, :-1, self.nx + 1 :] * self.control_scale + self.control_centre
         return Trajectory(states, controls, table[:, 0, self.nx] * self.step_scale * self.intervals)
+
+    def with_duration(self, w: Array, share: float) -> Array:
+        """Variables ``w`` (nw,) with the duration at ``share`` of its upper bound."""
+        return np.where(self._is_step, share * self.upper, w)
 
     def clearance_multipliers(self, lam_g: Array) -> Array:
         """Multipliers of the clearances at the knots k ≥ 1, (N − 1, nh), ≥ 0 where the constraint holds the plan back.

@@ -1,14 +1,15 @@
 """Train the reinforcement learner that the planners are compared with, and ship its policy.
 
-With no argument this is the recorded run of the shipped pendulum policy. After every evaluation on the development
-set the best policy so far is written to ``moe_policy/models/<env-id>/<algorithm>.safetensors`` and ``.json``, and the
-training curve to ``results/training_<algorithm>_<env-id>.json``, so that nothing is lost when a run is stopped.
+With no argument this is the recorded run of the shipped pendulum policy. When it has ended, the policy that was best on
+the development set is written to ``moe_policy/models/<env-id>/<algorithm>.safetensors`` and ``.json``, and settings,
+training curve and search to ``results/training_<algorithm>_<env-id>.json``. Until then the best policy so far is in
+``data/training``, so that nothing is lost when a run is stopped.
 
     python scripts/train_rl.py
     python scripts/train_rl.py --trial "discount 0.98" --set gamma=0.98 steps=60000
 
-A trial of the search for settings ships nothing: it is added to ``results/search_<algorithm>_<env-id>.json``, and the
-recorded run repeats that list next to its curve.
+A trial of the search for settings ships nothing: it is added to ``results/search_<algorithm>_<env-id>.json``, whether
+stopped or not, and the recorded run repeats that list next to its curve.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ def read_search(path: Path) -> list[dict[str, Any]]:
     return json.loads(path.read_text())["trials"] if path.exists() else []
 
 
-def main() -> None:
+def parse_arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("env_id", nargs="?", default="PendulumSwingup-v0")
     parser.add_argument("--algorithm", choices=sorted(ALGORITHMS), default="sac")
@@ -72,17 +73,22 @@ def main() -> None:
     parser.add_argument("--trial", metavar="NOTE", help="a trial of the search: what is tried; nothing is shipped")
     parser.add_argument("--models", type=Path, default=SHIPPED, help="folder of the shipped models")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the results")
-    arguments = parser.parse_args()
+    parser.add_argument(
+        "--checkpoints", type=Path, default=Path("data/training"), help="folder of the best policy so far"
+    )
+    return parser.parse_args()
 
+
+def main() -> None:
+    arguments = parse_arguments()
     torch.set_num_threads(1)  # the networks are far too small for more
     problem = ocp_envs.load(arguments.env_id)
     settings = override(arguments.algorithm, arguments.set)
     name = f"{arguments.algorithm}_{problem.id}"
     search_path = arguments.results / f"search_{name}.json"
     started = provenance()
-    bar = tqdm(total=settings.steps, unit="step", desc=name, mininterval=5)
-
     earlier = read_search(search_path)
+    bar = tqdm(total=settings.steps, unit="step", desc=name, mininterval=5)
 
     def report(run: TrainingRun) -> None:
         last = run.curve[-1]
@@ -91,16 +97,21 @@ def main() -> None:
         bar.write(
             f"{last.steps:9d} steps {last.seconds:6.0f} s  success {last.success} cost {cost} score {last.score:.3f}"
         )
-        complete = last.steps >= settings.steps
-        record = {**run.record(), "complete": complete, "development": DEVELOPMENT, "provenance": started}
+        run.policy.save(arguments.checkpoints / name)
         if arguments.trial:
-            write_json(search_path, {"env_id": problem.id, "trials": [*earlier, {"note": arguments.trial, **record}]})
-            return
-        run.policy.save(arguments.models / problem.id / arguments.algorithm)
-        write_json(arguments.results / f"training_{name}.json", {"env_id": problem.id, **record, "search": earlier})
+            trial = {"note": arguments.trial, **record_of(run)}
+            write_json(search_path, {"env_id": problem.id, "trials": [*earlier, trial]})
+
+    def record_of(run: TrainingRun) -> dict[str, Any]:
+        complete = run.curve[-1].steps >= settings.steps
+        return {**run.record(), "complete": complete, "development": DEVELOPMENT, "provenance": started}
 
     run = train(problem, settings, development(problem), on_evaluation=report, details={"development": DEVELOPMENT})
     bar.close()
+    if not arguments.trial:
+        run.policy.save(arguments.models / problem.id / arguments.algorithm)
+        record = {"env_id": problem.id, **record_of(run), "search": earlier}
+        write_json(arguments.results / f"training_{name}.json", record)
     best = run.best
     print(f"best after {best.steps} steps: success {best.success} of {DEVELOPMENT_COUNT}, mean cost {best.cost}")
 

@@ -7,6 +7,7 @@ from scipy.optimize import minimize_scalar
 
 import ocp_envs.compilation
 from ocp_envs.compilation import CompiledNotAvailable
+from ocp_envs.nlp import Outcome
 from ocp_envs.problem import Goal, OptimalControlProblem, OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
@@ -192,7 +193,35 @@ def test_failure_is_a_value():
     assert solution.status[0] == Status.NOT_CONVERGED
     assert solution.cost[0] == np.inf
     assert np.isnan(solution.trajectory.flat()).all()
-    assert solution.fallback[0]
+
+
+def test_a_second_attempt_recovers_a_guess_that_is_too_short():
+    """Upright within half a second is out of reach; from there the line search of the first attempt gets stuck."""
+    p, tried, windings = line(PENDULUM, [[0.3, -1.5], [6.0, 1.5], [2.5, -1.8], [3.6, 1.2]], 1)
+    short = Trajectory(tried.states, tried.controls, np.full(4, 0.15))
+    solver = Solver(PENDULUM)
+    assert solver.solve(p, short, windings, persist=False).solved.all()
+
+
+def test_what_the_primary_solver_breaks_down_on_goes_to_the_fallback(monkeypatch):
+    solver = Solver(DOUBLE_INTEGRATOR)
+
+    def broken(task, lower, upper):
+        return Outcome.BROKE_DOWN, 3
+
+    monkeypatch.setattr(solver._nlp._primary, "run", broken)
+    result = solver.solve(*line(DOUBLE_INTEGRATOR, [2.0, 0.0]), persist=False)
+    assert result.solved[0]
+    assert result.fallback[0]
+    assert result.iterations[0] > 3
+
+
+@pytest.mark.parametrize("persist", [True, False])
+def test_persistence_hands_over_what_did_not_converge(persist):
+    hurried = dataclasses.replace(PENDULUM, duration=(0.1, 1.0))
+    result = Solver(hurried).solve(*line(hurried, [0.0, 0.0], 1), persist=persist)
+    assert result.status[0] == Status.NOT_CONVERGED
+    assert result.fallback[0] == persist
 
 
 def test_empty_batch(pendulum):

@@ -1,0 +1,66 @@
+"""Which parameters every problem is trained, tuned and judged on."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+from ocp_envs.generation import DEFAULT, GenerationSettings
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sampling import grid, sample
+from ocp_envs.system import Array
+
+#: Development and validation sets carry the reference costs, so they get random guesses beside the warm starts.
+THOROUGH = GenerationSettings(starts=12, cold=1)
+
+
+@dataclass(frozen=True)
+class Split:
+    """A set of parameters.
+
+    Args:
+        size: number of parameters, drawn uniformly in the box; ignored for a grid.
+        seed: of the draw, and of the generation.
+        grid: points along each coordinate of p, for a grid over the box.
+        settings: how its database is made.
+    """
+
+    size: int = 0
+    seed: int = 0
+    grid: tuple[int, ...] | None = None
+    settings: GenerationSettings = DEFAULT
+
+    def parameters(self, problem: OptimalControlProblem) -> Array:
+        """The parameters, (M, np)."""
+        return sample(problem, self.seed, self.size) if self.grid is None else grid(problem, self.grid)
+
+
+_TRAINING = {
+    "PendulumSwingup-v0": Split(grid=(61, 21)),
+    "GroundVehicle-v0": Split(size=120_009, seed=10),
+}
+_OTHERS = {
+    "development": Split(size=1_000, seed=101, settings=THOROUGH),
+    "validation": Split(size=1_000, seed=202, settings=THOROUGH),
+}
+_LARGER = {"GroundVehicle-v0": {"validation": Split(size=10_000, seed=202, settings=THOROUGH)}}
+
+
+def splits_of(problem: OptimalControlProblem) -> dict[str, Split]:
+    """The splits of ``problem`` by name; a problem of one's own gets 10,000 random training parameters."""
+    training = _TRAINING.get(problem.id, Split(size=10_000, seed=10))
+    return {"training": training, **_OTHERS, **_LARGER.get(problem.id, {})}
+
+
+def split_of(problem: OptimalControlProblem, name: str) -> Split:
+    """The split called ``name``.
+
+    Raises:
+        ValueError: no such split; the message names the nearest one.
+    """
+    splits = splits_of(problem)
+    if name not in splits:
+        nearest = difflib.get_close_matches(name, splits, n=1, cutoff=0.3)
+        hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+        raise ValueError(f"{problem.id} has no split {name!r}; {hint}there are {sorted(splits)}")
+    return splits[name]

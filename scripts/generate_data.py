@@ -1,0 +1,72 @@
+"""Solve the training, development and validation problems of an environment into databases under ``data/<env-id>/``.
+
+Interrupted at any moment, the same command goes on where it stopped. ``--scheduler`` runs the solves on a Dask cluster;
+``--ship`` also writes the parameters and reference costs that the package carries.
+
+    python scripts/generate_data.py
+    python scripts/generate_data.py --env GroundVehicle-v0 --scheduler tcp://head-node:8786
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from concurrent.futures import Executor
+from pathlib import Path
+
+import ocp_envs
+from ocp_envs import reference
+from ocp_envs.solver import GuardedSolver
+from ocp_envs.splits import split_of, splits_of
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def cluster(address: str) -> Executor:
+    try:
+        from dask.distributed import Client
+    except ImportError:
+        raise SystemExit('--scheduler needs Dask: pip install "dask[distributed]"') from None
+    return Client(address).get_executor()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
+    parser.add_argument("--splits", nargs="+", help="which sets; all by default")
+    parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
+    parser.add_argument("--workers", type=int, help="processes; one per core by default")
+    parser.add_argument("--scheduler", help="address of a Dask scheduler, such as tcp://host:8786")
+    parser.add_argument("--ship", action="store_true", help="write the package's reference files")
+    arguments = parser.parse_args()
+
+    problem = ocp_envs.load(arguments.env)
+    executor = cluster(arguments.scheduler) if arguments.scheduler else None
+    began = time.perf_counter()
+    with GuardedSolver(problem) as solver:
+        solver.start()
+    print(f"solver functions ready after {time.perf_counter() - began:.1f} s")
+    for name in arguments.splits or splits_of(problem):
+        split = split_of(problem, name)
+        began = time.perf_counter()
+        database = ocp_envs.generate(
+            problem,
+            arguments.data / problem.id / f"{name}.zarr",
+            split.parameters(problem),
+            executor=executor,
+            workers=arguments.workers,
+            seed=split.seed,
+            settings=split.settings,
+        )
+        seconds = time.perf_counter() - began
+        totals = database.totals()
+        print(
+            f"{name}: {totals['solved']} of {totals['problems']} problems solved in {seconds:.1f} s; "
+            f"{totals['solves']} solves, {totals['failures']} failed, {totals['fallbacks']} went to the second solver"
+        )
+        if arguments.ship and name in reference.SHIPPED:
+            print(f"wrote {reference.save(database, name)}")
+
+
+if __name__ == "__main__":
+    main()
