@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from moe_policy.evaluation import Share, evaluate, time_planner
 from moe_policy.planner import NetworkPlanner
 from moe_policy.policy import Planner, Policy
-from moe_policy.reporting import Column, duration, share
+from moe_policy.reporting import Column, Outcome, duration, share
 from moe_policy.rollout import Episodes, rollout
 from moe_policy.tracking import Stabilised, Stabiliser, TrackingPolicy
 from moe_policy.training import validation_error
@@ -110,6 +110,13 @@ def run(
         row["test_error"] = planner.details["training"]["test_error"]
         row["validation_error"] = None if optimal is None else validation_error(planner, starts, optimal)
     return row, episodes
+
+
+def outcome(name: str, episodes: Episodes, problem: OptimalControlProblem) -> Outcome:
+    """What the comparison's figure shows of ``episodes``."""
+    metrics = evaluate(problem, episodes)
+    errors = episodes.plan_end_error if metrics.success_at_plan_end is not None else None
+    return Outcome(name, metrics.success, metrics.success_at_plan_end, errors)
 
 
 # -- the table ---------------------------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@ class TrainingSettings:
         test_share: share of the samples in the test split.
     """
 
-    epochs: int = 600
+    epochs: int = 2000
     patience: int | None = None
     batch: int = 64
     gate_batch: int = 64

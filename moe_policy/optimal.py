@@ -21,8 +21,10 @@ _NEAREST_TARGET = -1
 class BatchSolver(Protocol):
     """What solves a batch of problems from one guess each; ``GuardedSolver`` and ``Solver`` of ``ocp_envs`` do."""
 
-    def solve(self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer]) -> Solutions:
-        """Solve B problems."""
+    def solve(
+        self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer], persist: bool = True
+    ) -> Solutions:
+        """Solve B problems; ``persist``: whether to insist where a guess does not converge."""
 
 
 class SolverPlanner:
@@ -80,7 +82,7 @@ class SolverPlanner:
         rows, guess, windings = self._guesses(checked)
         if not len(rows):
             return guess, np.empty(0)
-        solutions = self.solver.solve(checked[rows], guess, windings)
+        solutions = self.solver.solve(checked[rows], guess, windings, persist=False)
         # Sorted by row, then by cost: the first of every row is its best.
         order = np.lexsort((solutions.cost, rows))
         best = order[np.searchsorted(rows[order], np.arange(len(checked)))]

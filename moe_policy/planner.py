@@ -203,9 +203,13 @@ class NearestPlanner:
     def __init__(self, database: Samples | SampleSource, name: str = "nearest") -> None:
         samples = samples_of(database)
         self.problem, self.name = samples.problem, name
-        self.parameters, self.trajectory = samples.parameters, samples.trajectory
+        self.parameters, self.trajectory, self.mode = samples.parameters, samples.trajectory, samples.mode
         self._width = self.problem.parameters.upper - self.problem.parameters.lower
         self._tree = cKDTree(self.parameters / self._width)
+
+    def samples(self) -> Stored:
+        """What is stored, as samples to learn or to start from."""
+        return Stored(self.problem, self.parameters, self.trajectory, self.mode)
 
     def neighbours(self, p: ArrayLike, k: int = 1) -> NDArray[np.int64]:
         """Rows of the ``k`` nearest stored parameters, nearest first, (B, k)."""
@@ -233,6 +237,7 @@ class NearestPlanner:
         tensors: dict[str, NDArray[Any]] = {
             "parameters": self.parameters,
             "trajectories": self.trajectory.flat().astype(np.float32),
+            "modes": self.mode.astype(np.int64),
         }
         write_model(path, "nearest", self.problem, tensors, {"name": self.name})
 
@@ -241,5 +246,5 @@ def read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlan
     """The planner that :meth:`NearestPlanner.save` wrote."""
     system, parameters = problem.system, file.tensors["parameters"]
     trajectory = Trajectory.from_flat(file.tensors["trajectories"], problem.knots, system.nx, system.nu)
-    stored = Stored(problem, parameters, trajectory, np.zeros(len(parameters), dtype=np.int64))
+    stored = Stored(problem, parameters, trajectory, file.tensors["modes"])
     return NearestPlanner(stored, file.description["name"])

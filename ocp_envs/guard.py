@@ -191,7 +191,7 @@ class _Child:
         path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)  # the factory must be importable there too
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         process = subprocess.Popen(
-            [sys.executable, "-c", "from ocp_envs.guard import serve; serve()"],
+            [sys.executable, "-P", "-c", "from ocp_envs.guard import serve; serve()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=errors,

@@ -62,7 +62,8 @@ def guesses(
 
 
 def _random_controls(problem: OptimalControlProblem, size: int, rng: np.random.Generator) -> Array:
+    """Piecewise constant, within one scale of the control that holds the goal."""
     box = problem.system.control
-    drawn = rng.uniform(box.lower, box.upper, (size, _PIECES, problem.system.nu))
+    drawn = problem.goal.control + rng.uniform(-1, 1, (size, _PIECES, problem.system.nu)) * box.scale
     piece = np.arange(problem.knots - 1) * _PIECES // (problem.knots - 1)
-    return drawn[:, piece]
+    return np.clip(drawn, box.lower, box.upper)[:, piece]

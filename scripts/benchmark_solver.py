@@ -1,8 +1,8 @@
 """Verified solutions per second: this product's solver against plain CasADi ``Opti`` with IPOPT.
 
 Both get the same problems, guesses and nonlinear program (every winding of every parameter is one solve), tolerance
-1e-6 and one core; ``Opti`` is built once and gets its parameters per solve. Everything is timed: the guard, all attempts,
-the transfer and the independent check. Building and compiling come before and are reported apart. Our solver runs as in
+1e-6 and one core; ``Opti`` is built once and gets its parameters per solve. Everything is timed: the guard, all
+attempts, the transfer and the independent check. Building and compiling come before and are reported apart. Our solver runs as in
 multistart, which tries another guess rather than the fallback where a solve did not converge.
 
     python scripts/benchmark_solver.py                # writes results/benchmark_solver.json

@@ -1,27 +1,146 @@
 """Optimal control, nearest neighbour, networks, mixtures, reinforcement learning and the bare stabiliser on the same starts.
 
 With no argument the shipped models run on the shipped validation set, which takes about a minute. ``--train`` first makes
-everything anew under ``data/``: training, development and validation sets, planners, and SAC at a small budget. The table
-goes to the terminal, and with all figures to ``results/compare_<env>.json`` and ``.png``.
+everything anew: training, development and validation sets, planners, and SAC at a small budget, all under
+``data/compare/``. The table goes to the terminal; with all figures it goes to ``results/compare_<env>.json`` (with ``--train``
+to ``results/compare_trained_<env>.json``), and the picture beside it.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
+import json
 import time
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
+import torch
 
 import moe_policy
 import ocp_envs
-from moe_policy import baselines, recipes
-from moe_policy.comparison import COLUMNS, Contestant, compare
+from moe_policy import baselines, recipes, store
+from moe_policy.clustering import Samples
+from moe_policy.comparison import COLUMNS, Contestant, outcome, run
+from moe_policy.optimal import SolverPlanner
+from moe_policy.planner import NearestPlanner
 from moe_policy.reporting import comparison_figure, text_table
+from ocp_envs import reference
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
+from ocp_envs.splits import split_of, splits_of
 
 ROOT = Path(__file__).resolve().parents[1]
-PLANNERS = {"PendulumSwingup-v0": ("nearest", "snn", "moe-custom", "moe-kmeans-4")}
+PLANNERS = ("snn", "moe-custom", "moe-kmeans-4")
+LEARNERS = {"sac": baselines.SHORT_SAC}
+
+
+def log(text: str) -> None:
+    print(text, flush=True)
+
+
+def solutions(count: int) -> str:
+    return f"{count:,} solutions"
+
+
+def steps(count: int) -> str:
+    return f"{count:,} steps"
+
+
+def shipped(problem: OptimalControlProblem) -> tuple[NearestPlanner, list[Contestant]]:
+    """The models of the package."""
+    nearest = moe_policy.load(problem.id, "nearest")
+    contestants = [Contestant("nearest", nearest, solutions(len(nearest.parameters)))]
+    for name in PLANNERS:
+        planner = moe_policy.load(problem.id, name)
+        record = planner.details
+        contestants.append(Contestant(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
+    for name in LEARNERS:
+        policy = moe_policy.load(problem.id, name)
+        training = json.loads((ROOT / "results" / f"training_{name}_{problem.id}.json").read_text())
+        contestants.append(Contestant(name, policy, steps(training["steps"]), training["seconds"]))
+    return nearest, contestants
+
+
+def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[NearestPlanner, list[Contestant], Any]:
+    """Everything made anew: data, planners and a reinforcement learner at a small budget."""
+    databases = {}
+    for name in splits_of(problem):
+        split, began = split_of(problem, name), time.perf_counter()
+        databases[name] = ocp_envs.generate(
+            problem,
+            folder / f"{name}.zarr",
+            split.parameters(problem),
+            seed=split.seed,
+            settings=split.settings,
+        )
+        log(f"{name} set: {len(databases[name])} problems, {time.perf_counter() - began:.0f} s")
+    samples: Samples = databases["training"].samples()
+    nearest = NearestPlanner(samples)
+    contestants = [Contestant("nearest", nearest, solutions(len(samples)))]
+    for name in PLANNERS:
+        planner: Any = recipes.make(name, samples, seed=seed)
+        planner.save(folder / name)
+        seconds = planner.details["training"]["seconds"]
+        log(f"{name}: trained in {seconds:.0f} s")
+        contestants.append(Contestant(name, planner, solutions(len(samples)), seconds))
+    for name, settings in LEARNERS.items():
+        result = baselines.train(problem, settings, databases["development"].parameters)
+        result.policy.save(folder / name)
+        log(f"{name}: {settings.steps:,} steps in {result.curve[-1].seconds:.0f} s")
+        contestants.append(Contestant(name, result.policy, steps(settings.steps), result.curve[-1].seconds))
+    return nearest, contestants, databases["validation"]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
+    parser.add_argument("--train", action="store_true", help="make data and models anew instead of using the shipped ones")
+    parser.add_argument("--cases", type=int, help="validation cases; all by default")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the training")
+    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
+    arguments = parser.parse_args()
+
+    torch.set_num_threads(1)  # the networks are far too small for more
+    began = time.perf_counter()
+    problem = ocp_envs.load(arguments.env)
+    if arguments.train:
+        nearest, contestants, validation = trained(problem, ROOT / "data" / "compare" / problem.id, arguments.seed)
+        parameters, costs = validation.parameters, validation.rows().cost.min(axis=1)
+    else:
+        nearest, contestants = shipped(problem)
+        validation = reference.load(problem, "validation")
+        parameters, costs = validation.parameters, validation.cost
+    parameters, costs = parameters[: arguments.cases], costs[: arguments.cases]
+    log(f"{len(parameters)} starts of {problem.id}")
+
+    optimal = SolverPlanner(problem, nearest)
+    trajectories, found = optimal.best(parameters)
+    gap = np.abs(found / costs - 1)
+    log(f"optimal trajectories: {np.isfinite(found).sum()} solved; {(gap < 1e-3).sum()} at the reference cost within 0.1 %")
+    row, baseline = run(problem, Contestant("optimal", optimal), parameters, optimal=trajectories)
+    rows, outcomes = [row], [outcome("optimal", baseline, problem)]
+    for contestant in [*contestants, Contestant("stabiliser", moe_policy.Stabiliser(problem))]:
+        row, episodes = run(problem, contestant, parameters, optimal=trajectories, baseline=baseline)
+        rows.append(row)
+        outcomes.append(outcome(contestant.name, episodes, problem))
+        log(f"{contestant.name}: {row['success']['count']} of {len(parameters)}")
+
+    name = f"compare_trained_{problem.id}" if arguments.train else f"compare_{problem.id}"
+    record = {
+        "env_id": problem.id,
+        "cases": len(parameters),
+        "seed": arguments.seed,
+        "reference_gap": {"within_0.1_percent": int((gap < 1e-3).sum()), "largest": float(gap.max())},
+        "seconds": time.perf_counter() - began,
+        "rows": rows,
+        "provenance": provenance(),
+    }
+    write_json(arguments.results / f"{name}.json", record)
+    comparison_figure(arguments.results / f"{name}.png", outcomes, problem.goal.radius)
+    log(f"\n{text_table(rows, COLUMNS)}")
+    log(f"{record['seconds']:.0f} s; written to {arguments.results / name}.json and .png")
+
+
+if __name__ == "__main__":
+    main()

@@ -195,12 +195,21 @@ def test_failure_is_a_value():
     assert np.isnan(solution.trajectory.flat()).all()
 
 
-def test_a_second_attempt_recovers_a_guess_that_is_too_short():
-    """Upright within half a second is out of reach; from there the line search of the first attempt gets stuck."""
-    p, tried, windings = line(PENDULUM, [[0.3, -1.5], [6.0, 1.5], [2.5, -1.8], [3.6, 1.2]], 1)
-    short = Trajectory(tried.states, tried.controls, np.full(4, 0.15))
-    solver = Solver(PENDULUM)
-    assert solver.solve(p, short, windings, persist=False).solved.all()
+def test_a_stuck_primary_solver_gets_a_second_attempt_with_a_longer_duration(monkeypatch):
+    solver, seen = Solver(DOUBLE_INTEGRATOR), []
+    run = solver._nlp._primary.run
+
+    def stuck_at_first(task, lower, upper):
+        seen.append(task)
+        outcome, iterations = run(task, lower, upper)
+        return (Outcome.STUCK if len(seen) == 1 else outcome), iterations
+
+    monkeypatch.setattr(solver._nlp._primary, "run", stuck_at_first)
+    result = solver.solve(*line(DOUBLE_INTEGRATOR, [2.0, 0.0]), persist=False)
+    assert result.solved[0]
+    assert not result.fallback[0]
+    second = solver._transcription.unpack(seen[1].guess[None], np.array([[2.0, 0.0]]))
+    assert second.duration[0] == pytest.approx(0.75 * DOUBLE_INTEGRATOR.duration[1])
 
 
 def test_what_the_primary_solver_breaks_down_on_goes_to_the_fallback(monkeypatch):

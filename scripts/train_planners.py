@@ -1,0 +1,56 @@
+"""Train the planners of an environment from its training database, and ship them.
+
+The planners go to ``moe_policy/models/<env-id>/``. Run ``scripts/generate_data.py`` first.
+
+    python scripts/train_planners.py
+    python scripts/train_planners.py --names snn moe-custom --seed 1 --models /tmp/models
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+
+import torch
+
+import ocp_envs
+from moe_policy import recipes
+from moe_policy.store import SHIPPED
+
+ROOT = Path(__file__).resolve().parents[1]
+NAMES = (
+    "nearest",
+    "snn",
+    "moe-custom",
+    "moe-kmeans-3",
+    "moe-kmeans-4",
+    "moe-kmeans-10",
+    "moe-random",
+    "moe-retrained-argmax",
+    "moe-retrained-softmax-1",
+    "moe-retrained-softmax-0.1",
+)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
+    parser.add_argument("--names", nargs="+", default=NAMES, help="which planners; see moe_policy/recipes.py")
+    parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
+    parser.add_argument("--models", type=Path, default=SHIPPED, help="folder of the models")
+    parser.add_argument("--seed", type=int, default=0, help="seed of clustering and training")
+    arguments = parser.parse_args()
+
+    torch.set_num_threads(1)  # the networks are far too small for more
+    problem = ocp_envs.load(arguments.env)
+    samples = ocp_envs.Database.open(arguments.data / problem.id / "training.zarr", problem).samples()
+    for name in arguments.names:
+        began = time.perf_counter()
+        planner = recipes.make(name, samples, seed=arguments.seed)
+        planner.save(arguments.models / problem.id / name)
+        print(f"{name}: {len(samples)} samples, {time.perf_counter() - began:.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
