@@ -1,8 +1,8 @@
 """The comparison of planners and policies on the same starts: how each becomes a policy, and its row of the table.
 
-A planner is tracked with LQR and holds the goal after its plan. A learned policy acts until it first enters the goal ball
-and then holds the goal too, where the goal can be held. Rows are plain records, as they stand in the JSON files; the
-columns say how they are written.
+A planner is tracked with LQR and holds the goal after its plan. A learned policy acts until it first enters the goal
+ball and then holds the goal too, where the goal can be held. Rows are plain records, as they stand in the JSON files;
+the columns say how they are written.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Contestant:
     @property
     def planner(self) -> Planner | None:
         """The actor if it plans."""
-        return None if hasattr(self.actor, "predict") else self.actor  # type: ignore[return-value]
+        return None if hasattr(self.actor, "predict") else self.actor
 
     def policy(self, problem: OptimalControlProblem, dt: float) -> Policy:
         """The actor as a policy of control period ``dt``."""
@@ -144,4 +144,20 @@ COLUMNS = (
     Column("parameters_total", "weights", ","),
     Column("parameters_active", "… active", ","),
     Column("training_seconds", "training", duration),
+)
+
+
+def _median(record: Mapping[str, float]) -> str:
+    return f"{record['median']:.0f} ({record['least']}–{record['most']})"
+
+
+#: The table of training variants: medians over seeds, and their range.
+TRAINING_COLUMNS = (
+    Column("name", "model"),
+    Column("success_spread", "success, median (range)", _median),
+    Column("paper_success", "paper", "d"),
+    Column("success_at_plan_end_spread", "at the plan's end", _median),
+    Column("validation_error_spread", "validation error", _of("median", "{:.3f}".format)),
+    Column("paper_validation_error", "paper", ".3f"),
+    Column("test_error_spread", "test error", _of("median", "{:.4f}".format)),
 )

@@ -1,13 +1,13 @@
 """How each named planner is made: one place that the training script, the comparison and the tests share.
 
-    snn                          one network
-    moe-custom                   a mixture over the problem's own modes, trained decoupled
-    moe-kmeans-<k>               the same over k-means clusters of the trajectories
-    moe-kmeans-pca-<k>           the same after a projection on 5 principal components
-    moe-random                   a mixture with as many experts as moe-custom, trained jointly from random weights
-    moe-retrained-argmax         moe-custom, trained on as one network with argmax
-    moe-retrained-softmax-<ε>    the same with softmax at ε, for instance 1 or 0.1
-    nearest                      the stored solution of the nearest stored parameter
+snn                          one network
+moe-custom                   a mixture over the problem's own modes, trained decoupled
+moe-kmeans-<k>               the same over k-means clusters of the trajectories
+moe-kmeans-pca-<k>           the same after a projection on 5 principal components
+moe-random                   a mixture with as many experts as moe-custom, trained jointly from random weights
+moe-retrained-argmax         moe-custom, trained on as one network with argmax
+moe-retrained-softmax-<ε>    the same with softmax at ε, for instance 1 or 0.1
+nearest                      the stored solution of the nearest stored parameter
 """
 
 from __future__ import annotations

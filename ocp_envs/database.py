@@ -1,9 +1,9 @@
 """Databases of optimal trajectories on disk, one slot for each mode of each problem.
 
-A database is a Zarr group. Rows are stored in the order in which they were solved, ``order`` tells which parameter a row
-belongs to; all public methods speak of parameters in the order in which they were given. Arrays share their chunks along
-rows. A chunk of rows exists once its piece of ``status``, written last, is there; anything else is ignored and written
-anew, so a process may be killed at any moment. Every piece is written in one step and carries a checksum.
+A database is a Zarr group. Rows are stored in the order in which they were solved, ``order`` tells which parameter a
+row belongs to; all public methods speak of parameters in the order in which they were given. Arrays share their chunks
+along rows. A chunk of rows exists once its piece of ``status``, written last, is there; anything else is ignored and
+written anew, so a process may be killed at any moment. Every piece is written in one step and carries a checksum.
 
     parameters (M, np), order (M,)           given
     status (M,)                              how a row ended: SOLVED where any mode was found, −1 before
@@ -20,7 +20,7 @@ import json
 import os
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -76,8 +76,8 @@ class Samples:
 
     def __getitem__(self, rows: Any) -> Samples:
         """The samples at ``rows`` (slice, mask or integer array)."""
-        parts = (self.parameters, self.trajectory, self.cost, self.mode, self.multipliers, self.mode_costs, self.index)
-        return Samples(self.problem, *(part[rows] for part in parts))
+        values = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "problem"}
+        return Samples(self.problem, **values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +194,8 @@ class Database:
             raise DatabaseError(f"{folder} is not a database of this program: expected format {FORMAT!r}")
         if attributes.get("version") != VERSION:
             raise DatabaseError(
-                f"{folder} has format version {attributes.get('version')!r}, this program reads {VERSION}; generate it anew"
+                f"{folder} has format version {attributes.get('version')!r}, this program reads {VERSION}; "
+                "generate it anew"
             )
         if problem is None:
             problem = problems.load(str(attributes.get("problem")))
@@ -219,12 +220,12 @@ class Database:
 
     @property
     def chunk(self) -> int:
-        return int(self._group.attrs["chunk"])  # type: ignore[call-overload]
+        return int(self._group.attrs["chunk"])
 
     @property
     def settings(self) -> dict[str, Any]:
         """What it was made with."""
-        return json.loads(json.dumps(self._group.attrs["settings"]))  # type: ignore[no-any-return]
+        return json.loads(json.dumps(self._group.attrs["settings"]))
 
     @property
     def chunks(self) -> int:
@@ -267,8 +268,17 @@ class Database:
         return bool(self.present().all())
 
     def stored(self, rows: slice) -> Rows:
-        """Stored ``rows``, as they lie on disk."""
-        return Rows(**{name: self._read(name, rows) for name in _layout(self.problem)})
+        """Stored ``rows``, as they lie on disk.
+
+        Raises:
+            DatabaseError: damaged files, or pieces of finished chunks that are not there.
+        """
+        found = Rows(**{name: self._read(name, rows) for name in _layout(self.problem)})
+        full = (found.slot_status == Status.SOLVED) & (found.status != MISSING)[:, None]
+        solved = found.status == Status.SOLVED
+        if not (np.isfinite(found.cost[full]).all() and np.isfinite(found.z[full]).all() and full[solved].any(1).all()):
+            raise DatabaseError(f"{self.path} is damaged: stored trajectories are missing; generate it anew")
+        return found
 
     def rows(self, indices: ArrayLike | None = None) -> Rows:
         """Everything that is stored of the parameters ``indices``, all by default."""
@@ -296,7 +306,7 @@ class Database:
         )
 
     def totals(self) -> dict[str, int]:
-        """Sums over all problems that are there: problems, solved ones, solves, failed solves, fallbacks, iterations."""
+        """Sums over all problems that are there: problems, solved ones, solves, failures, fallbacks, iterations."""
         status = self._read("status")
         there = status != MISSING
         record = {"problems": int(there.sum()), "solved": int((status == Status.SOLVED).sum())}

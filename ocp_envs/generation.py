@@ -1,14 +1,14 @@
 """Generation of databases: multistart on a first subset, then warm starts from neighbours, in rounds.
 
-Problems are put into a random order and solved in rounds of n₀, 2n₀, 4n₀ … problems. In the first round every winding of the
-goal is tried from several guesses. In a later round a problem looks at its nearest neighbours among the problems of
-*earlier* rounds, takes from them the modes that are best or nearly best there, and starts each from the solutions of
+Problems are put into a random order and solved in rounds of n₀, 2n₀, 4n₀ … problems. In the first round every winding
+of the goal is tried from several guesses. In a later round a problem looks at its nearest neighbours among the problems
+of *earlier* rounds, takes from them the modes that are best or nearly best there, and starts each from the solutions of
 the nearest neighbours that have it (Tang & Hauser, section III-B, after Tang, Sun & Hauser's nearest-neighbour method).
 So what is solved depends on the problem, the settings and the seed alone, and not on the number of workers or on
 interruptions.
 
-A task is a chunk of problems with their guesses. Only the calling process writes; a killed worker costs its chunk, a killed
-parent the chunks in flight, and the same call again goes on from there.
+A task is a chunk of problems with their guesses. Only the calling process writes; a killed worker costs its chunk, a
+killed parent the chunks in flight, and the same call again goes on from there.
 """
 
 from __future__ import annotations
@@ -19,8 +19,9 @@ from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field
 from functools import lru_cache
-from multiprocessing import get_context
+from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import cloudpickle
@@ -275,7 +276,7 @@ class _Pool:
 
     def _new(self) -> Executor:
         # Spawned, not forked: a fork copies threads' locks and the parent's solver child.
-        return ProcessPoolExecutor(self._workers, mp_context=get_context("spawn"))
+        return ProcessPoolExecutor(self._workers, mp_context=get_context("spawn"), initializer=_end_with_parent)
 
     def submit(self, task: Task) -> Future[Rows]:
         return self._executor.submit(solve_chunk, task)
@@ -290,6 +291,18 @@ class _Pool:
     def close(self) -> None:
         if self._own:
             self._executor.shutdown(wait=True, cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """Make this worker end when its parent does; that of a parent that was killed would wait for ever."""
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
+
+
+def _exit_after(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
 
 
 def _width_of(executor: Any) -> int:

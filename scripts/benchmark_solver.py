@@ -2,8 +2,8 @@
 
 Both get the same problems, guesses and nonlinear program (every winding of every parameter is one solve), tolerance
 1e-6 and one core; ``Opti`` is built once and gets its parameters per solve. Everything is timed: the guard, all
-attempts, the transfer and the independent check. Building and compiling come before and are reported apart. Our solver runs as in
-multistart, which tries another guess rather than the fallback where a solve did not converge.
+attempts, the transfer and the independent check. Building and compiling come before and are reported apart. Our solver
+runs as in multistart, which tries another guess rather than the fallback where a solve did not converge.
 
     python scripts/benchmark_solver.py                # writes results/benchmark_solver.json
 """
@@ -102,7 +102,7 @@ def draw(problem: OptimalControlProblem, size: int, seed: int) -> tuple[Array, N
 
 
 def measure(solve: Solve, parameters: Array, start: Trajectory, windings: NDArray[np.int64]) -> dict[str, Any]:
-    """Rate and statistics of one method; a first few solves warm it up."""
+    """Rate and statistics of one method in one round; a first few solves warm it up."""
     few = slice(0, 3)
     solve(parameters[few], start[few], windings[few])
     began = time.perf_counter()
@@ -115,10 +115,19 @@ def measure(solve: Solve, parameters: Array, start: Trajectory, windings: NDArra
         "verified_per_second": float(solved.sum() / seconds),
         "iterations_median": float(np.median(solutions.iterations[solved])),
         "milliseconds_median": float(1e3 * np.median(solutions.seconds[solved])),
-        "fallbacks": int(solutions.fallback.sum()),
         "statuses": {status.name: int((solutions.status == status).sum()) for status in Status},
         "cost_sum": float(solutions.cost[solved].sum()),
     }
+
+
+def compare(
+    methods: dict[str, Solve], rounds: int, parameters: Array, start: Trajectory, windings: NDArray[np.int64]
+) -> dict[str, Any]:
+    """Every method's fastest of several rounds; the rounds take turns, so that other load on the machine meets all."""
+    tried = [{name: measure(s, parameters, start, windings) for name, s in methods.items()} for _ in range(rounds)]
+    rows = {name: min((row[name] for row in tried), key=lambda row: row["seconds"]) for name in methods}
+    best = max(rows[name]["verified_per_second"] for name in ("opti", "opti_expanded"))
+    return rows | {"ratio_to_the_better": rows["ours"]["verified_per_second"] / best}
 
 
 def main() -> None:
@@ -126,6 +135,7 @@ def main() -> None:
     parser.add_argument("--problem", default="PendulumSwingup-v0", help="name of the problem")
     parser.add_argument("--size", type=int, default=200, help="number of parameters (default: %(default)s)")
     parser.add_argument("--stored", type=int, default=500, help="solved parameters for warm starts")
+    parser.add_argument("--rounds", type=int, default=3, help="the fastest of so many rounds counts")
     parser.add_argument("--seed", type=int, default=20190622)
     parser.add_argument("--output", type=Path, default=Path("results/benchmark_solver.json"))
     arguments = parser.parse_args()
@@ -135,7 +145,12 @@ def main() -> None:
     problem, settings = ocp_envs.load(arguments.problem), SolverSettings()
     parameters, windings = draw(problem, arguments.size, arguments.seed)
     report: dict[str, Any] = {"problem": problem.id, "seed": arguments.seed, "parameters": arguments.size}
-    report |= {"solves": len(parameters), "tolerance": settings.tolerance, "stored": arguments.stored}
+    report |= {
+        "rounds": arguments.rounds,
+        "solves": len(parameters),
+        "tolerance": settings.tolerance,
+        "stored": arguments.stored,
+    }
     with GuardedSolver(problem, settings) as ours:
         began = time.perf_counter()
         ours.start()
@@ -148,10 +163,9 @@ def main() -> None:
             "warm": neighbours(problem, ours.solve, parameters, arguments.stored, arguments.seed + 2),
         }
         for kind, start in starts.items():
-            rows = {name: measure(solve, parameters, start, windings) for name, solve in methods.items()}
-            best = max(rows[name]["verified_per_second"] for name in ("opti", "opti_expanded"))
-            report[kind] = rows | {"ratio_to_the_better": rows["ours"]["verified_per_second"] / best}
-            for name, row in rows.items():
+            report[kind] = compare(methods, arguments.rounds, parameters, start, windings)
+            for name in methods:
+                row = report[kind][name]
                 print(
                     f"{kind:5s} {name:14s} {row['verified']:5d} verified of {len(parameters)}, "
                     f"{row['verified_per_second']:8.1f} per second, {row['iterations_median']:.0f} iterations"

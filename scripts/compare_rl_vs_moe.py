@@ -1,9 +1,9 @@
-"""Optimal control, nearest neighbour, networks, mixtures, reinforcement learning and the bare stabiliser on the same starts.
+"""Compare optimal control, networks, mixtures of experts, reinforcement learning and the bare stabiliser.
 
-With no argument the shipped models run on the shipped validation set, which takes about a minute. ``--train`` first makes
-everything anew: training, development and validation sets, planners, and SAC at a small budget, all under
-``data/compare/``. The table goes to the terminal; with all figures it goes to ``results/compare_<env>.json`` (with ``--train``
-to ``results/compare_trained_<env>.json``), and the picture beside it.
+All run on the same starts, through the same rollout loop. With no argument the shipped models run on the shipped
+validation set, which takes about a minute. ``--train`` first makes everything anew under ``data/compare/``: training,
+development and validation sets, planners, and SAC at a small budget. The table goes to the terminal, and with all
+figures to ``results/compare_<env>.json`` and ``.png`` (with ``--train`` to ``results/compare_trained_<env>.*``).
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ import torch
 
 import moe_policy
 import ocp_envs
-from moe_policy import baselines, recipes, store
-from moe_policy.clustering import Samples
+from moe_policy import baselines, recipes
 from moe_policy.comparison import COLUMNS, Contestant, outcome, run
 from moe_policy.optimal import SolverPlanner
 from moe_policy.planner import NearestPlanner
@@ -75,7 +74,7 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
             settings=split.settings,
         )
         log(f"{name} set: {len(databases[name])} problems, {time.perf_counter() - began:.0f} s")
-    samples: Samples = databases["training"].samples()
+    samples = databases["training"].samples()
     nearest = NearestPlanner(samples)
     contestants = [Contestant("nearest", nearest, solutions(len(samples)))]
     for name in PLANNERS:
@@ -95,7 +94,7 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
-    parser.add_argument("--train", action="store_true", help="make data and models anew instead of using the shipped ones")
+    parser.add_argument("--train", action="store_true", help="make data and models anew")
     parser.add_argument("--cases", type=int, help="validation cases; all by default")
     parser.add_argument("--seed", type=int, default=0, help="seed of the training")
     parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
@@ -117,7 +116,8 @@ def main() -> None:
     optimal = SolverPlanner(problem, nearest)
     trajectories, found = optimal.best(parameters)
     gap = np.abs(found / costs - 1)
-    log(f"optimal trajectories: {np.isfinite(found).sum()} solved; {(gap < 1e-3).sum()} at the reference cost within 0.1 %")
+    same = int((gap < 1e-3).sum())
+    log(f"optimal trajectories: {np.isfinite(found).sum()} solved; {same} at the reference cost within 0.1 %")
     row, baseline = run(problem, Contestant("optimal", optimal), parameters, optimal=trajectories)
     rows, outcomes = [row], [outcome("optimal", baseline, problem)]
     for contestant in [*contestants, Contestant("stabiliser", moe_policy.Stabiliser(problem))]:
@@ -131,7 +131,7 @@ def main() -> None:
         "env_id": problem.id,
         "cases": len(parameters),
         "seed": arguments.seed,
-        "reference_gap": {"within_0.1_percent": int((gap < 1e-3).sum()), "largest": float(gap.max())},
+        "reference_gap": {"within_0.1_percent": same, "largest": float(gap.max())},
         "seconds": time.perf_counter() - began,
         "rows": rows,
         "provenance": provenance(),

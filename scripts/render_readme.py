@@ -11,7 +11,7 @@ import re
 import sys
 from pathlib import Path
 
-from moe_policy.comparison import COLUMNS
+from moe_policy.comparison import COLUMNS, TRAINING_COLUMNS
 from moe_policy.reporting import Column, markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -19,11 +19,7 @@ BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def columns_of(name: str) -> tuple[Column, ...]:
-    if name.startswith("compare_training"):
-        from moe_policy.comparison import TRAINING_COLUMNS
-
-        return TRAINING_COLUMNS
-    return COLUMNS
+    return TRAINING_COLUMNS if name.startswith("compare_training") else COLUMNS
 
 
 def render(text: str) -> str:

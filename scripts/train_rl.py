@@ -3,7 +3,8 @@
 With no argument this is the recorded run of the shipped pendulum policy. When it has ended, the policy that was best on
 the development set is written to ``moe_policy/models/<env-id>/<algorithm>.safetensors`` and ``.json``, and settings,
 training curve and search to ``results/training_<algorithm>_<env-id>.json``. Until then the best policy so far is in
-``data/training``, so that nothing is lost when a run is stopped.
+``data/training``, so that nothing is lost when a run is stopped. (The shipped run was judged on 1,000 uniform draws of its
+own, before the development set existed; its record says so.)
 
     python scripts/train_rl.py
     python scripts/train_rl.py --trial "discount 0.98" --set gamma=0.98 steps=60000
@@ -21,26 +22,17 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.baselines import PPOSettings, RLSettings, SACSettings, TrainingRun, train
 from moe_policy.store import SHIPPED
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs import reference
 from ocp_envs.records import provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 ALGORITHMS: dict[str, type[RLSettings]] = {"sac": SACSettings, "ppo": PPOSettings}
-DEVELOPMENT_SEED, DEVELOPMENT_COUNT = 2, 1000
-DEVELOPMENT = {"set": "uniform in the parameter box", "seed": DEVELOPMENT_SEED, "count": DEVELOPMENT_COUNT}
-
-
-def development(problem: OptimalControlProblem) -> np.ndarray:
-    box = problem.parameters
-    draws = np.random.default_rng(DEVELOPMENT_SEED).random((DEVELOPMENT_COUNT, len(box)))
-    return box.lower + draws * (box.upper - box.lower)
 
 
 def override(algorithm: str, texts: list[str]) -> RLSettings:
@@ -85,6 +77,8 @@ def main() -> None:
     problem = ocp_envs.load(arguments.env_id)
     settings = override(arguments.algorithm, arguments.set)
     name = f"{arguments.algorithm}_{problem.id}"
+    development = reference.load(problem, "development").parameters
+    judged_on = {"set": "development", "count": len(development)}
     search_path = arguments.results / f"search_{name}.json"
     started = provenance()
     earlier = read_search(search_path)
@@ -104,16 +98,16 @@ def main() -> None:
 
     def record_of(run: TrainingRun) -> dict[str, Any]:
         complete = run.curve[-1].steps >= settings.steps
-        return {**run.record(), "complete": complete, "development": DEVELOPMENT, "provenance": started}
+        return {**run.record(), "complete": complete, "development": judged_on, "provenance": started}
 
-    run = train(problem, settings, development(problem), on_evaluation=report, details={"development": DEVELOPMENT})
+    run = train(problem, settings, development, on_evaluation=report, details={"development": judged_on})
     bar.close()
     if not arguments.trial:
         run.policy.save(arguments.models / problem.id / arguments.algorithm)
         record = {"env_id": problem.id, **record_of(run), "search": earlier}
         write_json(arguments.results / f"training_{name}.json", record)
     best = run.best
-    print(f"best after {best.steps} steps: success {best.success} of {DEVELOPMENT_COUNT}, mean cost {best.cost}")
+    print(f"best after {best.steps} steps: success {best.success} of {len(development)}, mean cost {best.cost}")
 
 
 if __name__ == "__main__":

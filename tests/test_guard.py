@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
 
 import numpy as np
 import pytest
@@ -14,6 +13,7 @@ from ocp_envs.nlp import NlpSolver
 from ocp_envs.solver import GuardedSolver, Solver, SolverSettings, Status, guesses
 from tests.problems import DOUBLE_INTEGRATOR
 
+pytestmark = pytest.mark.filterwarnings("ignore::ocp_envs.compilation.CompiledNotAvailable")
 HURRIED = SolverSettings(hang_floor=1.0, hang_factor=1.0)
 #: Starts at which the solvers below misbehave.
 HANGS, CRASHES, HANGS_TWICE, CRASHES_TWICE = 1.0, 2.0, 3.0, 4.0
@@ -24,9 +24,7 @@ def _interpreted(tmp_path_factory):
     """Children inherit the environment: without a compiler they start at once."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PATH", "")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", CompiledNotAvailable)
-            yield
+        yield
 
 
 class Troubled(NlpSolver):

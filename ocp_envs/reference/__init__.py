@@ -67,7 +67,9 @@ def save(database: Database, split: str, folder: Path = FOLDER) -> Path:
     rows = database.rows()
     unsolved = int((~np.isfinite(rows.cost).any(axis=1)).sum())
     if unsolved:
-        raise ReferenceDataError(f"{database.path}: {unsolved} of {len(database)} problems have no solution to refer to")
+        raise ReferenceDataError(
+            f"{database.path}: {unsolved} of {len(database)} problems have no solution to refer to"
+        )
     target = path_of(database.problem, split, folder)
     target.parent.mkdir(parents=True, exist_ok=True)
     descriptor, temporary = tempfile.mkstemp(dir=target.parent, suffix=".npz")

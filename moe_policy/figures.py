@@ -1,0 +1,143 @@
+"""Figures about learning: what the samples look like, where models fail, and how much data they need."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moe_policy.clustering import Labels, Samples
+from moe_policy.reporting import COLORS, save_figure
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+_CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
+
+
+def _phase_labels(axes: Axes, problem: OptimalControlProblem) -> None:
+    for coordinate, setter in zip(problem.system.state.coordinates[:2], (axes.set_xlabel, axes.set_ylabel)):
+        setter(f"{coordinate.name}, {coordinate.unit}")
+    axes.plot(*problem.targets[:, :2].T, "o", color="#d62728", markersize=5, zorder=3)
+
+
+def discontinuity_figure(
+    path: str | os.PathLike[str],
+    samples: Samples,
+    labels: Labels,
+    optimal: Trajectory,
+    predictions: Mapping[str, Trajectory],
+    shown: int = 60,
+    seed: int = 0,
+) -> Path:
+    """The paper's first figure, in the plane of the first two state coordinates.
+
+    Above, a selection of samples and the prediction of the first model at one state; below, the samples by cluster and
+    the prediction of the second. The goal states are red.
+
+    Args:
+        path: file to write.
+        samples: the training samples.
+        labels: their clusters.
+        optimal: the optimal trajectory from the state, a batch of one.
+        predictions: two models' plans from it, by name, batches of one.
+        shown: number of samples drawn.
+        seed: of their choice.
+    """
+    problem = samples.problem
+    rows = np.random.default_rng(seed).permutation(len(samples.parameters))[:shown]
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(2, 2, sharex=True, sharey=True)
+        for row in rows:
+            states = samples.trajectory.states[row]
+            color = _CLUSTER_COLORS[labels.values[row] % len(_CLUSTER_COLORS)]
+            axes[0, 0].plot(states[:, 0], states[:, 1], color="#555555", linewidth=0.6)
+            axes[1, 0].plot(states[:, 0], states[:, 1], color=color, linewidth=0.6)
+        axes[0, 0].set_title("optimal trajectories")
+        axes[1, 0].set_title("the same by cluster")
+        for ax, (name, plan) in zip(axes[:, 1], predictions.items()):
+            ax.plot(optimal.states[0, :, 0], optimal.states[0, :, 1], color=COLORS[0], label="optimal")
+            ax.plot(plan.states[0, :, 0], plan.states[0, :, 1], "--", color=COLORS[1], label=name)
+            ax.set_title(f"prediction of {name} near the jump")
+            ax.legend(loc="best", fontsize=8)
+        for ax in axes.ravel():
+            _phase_labels(ax, problem)
+
+    return save_figure(path, (9.0, 6.5), draw)
+
+
+def clusters_figure(path: str | os.PathLike[str], samples: Samples, partitions: Mapping[str, Labels]) -> Path:
+    """Clusters over the box of the first two parameters, one panel per partition."""
+    p, box = samples.parameters, samples.problem.parameters
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(1, len(partitions), sharex=True, sharey=True, squeeze=False)[0]
+        for ax, (name, labels) in zip(axes, partitions.items()):
+            colors = [_CLUSTER_COLORS[value % len(_CLUSTER_COLORS)] for value in labels.values]
+            ax.scatter(p[:, 0], p[:, 1], c=colors, s=6, linewidths=0)
+            ax.set_title(f"{name}: {', '.join(str(size) for size in labels.sizes)}", fontsize=7)
+            ax.set_xlabel(f"{box.names[0]}, {box.coordinates[0].unit}")
+        axes[0].set_ylabel(f"{box.names[1]}, {box.coordinates[1].unit}")
+
+    return save_figure(path, (3.2 * len(partitions), 3.0), draw)
+
+
+def error_figure(path: str | os.PathLike[str], errors: Mapping[str, tuple[Array, Array]], radius: float) -> Path:
+    """Prediction error of the plan's end against the state error after tracking and hold, one panel per model.
+
+    Args:
+        path: file to write.
+        errors: (error of the predicted final state, error at the judging time) by model, each (B,).
+        radius: of the goal ball, drawn as lines.
+    """
+
+    def draw(figure: Figure) -> None:
+        columns = 3
+        rows = -(-len(errors) // columns)
+        axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+        for ax, (name, (predicted, tracked)) in zip(axes.ravel(), errors.items()):
+            failed = ~(tracked < radius)
+            for chosen, color in ((~failed, COLORS[0]), (failed, COLORS[1])):
+                ax.plot(np.maximum(predicted[chosen], 1e-5), np.maximum(tracked[chosen], 1e-9), ".", color=color, ms=3)
+            ax.axhline(radius, color="black", linestyle="--", linewidth=0.8)
+            ax.set(xscale="log", yscale="log", title=f"{name}: {int(failed.sum())} failures")
+        for ax in axes[-1]:
+            ax.set_xlabel("error of the predicted end")
+        for ax in axes[:, 0]:
+            ax.set_ylabel("error after the hold")
+
+    return save_figure(path, (9.0, 2.4 * -(-len(errors) // 3)), draw)
+
+
+def sizes_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]], cases: int) -> Path:
+    """Success against the number of training problems: median over seeds, and their range.
+
+    Args:
+        path: file to write.
+        rows: records with ``name``, ``samples`` and the lists ``success`` and ``success_at_plan_end`` over seeds.
+        cases: validation cases.
+    """
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots(1, 2, sharex=True, sharey=True)
+        for ax, key, title in zip(axes, ("success", "success_at_plan_end"), ("after the hold", "at the plan's end")):
+            for i, name in enumerate(dict.fromkeys(row["name"] for row in rows)):
+                points = sorted((row["samples"], row[key]) for row in rows if row["name"] == name)
+                counts = np.array([size for size, _ in points])
+                values = np.array([np.quantile(v, [0, 0.5, 1]) for _, v in points]) * 100 / cases
+                ax.fill_between(counts, values[:, 0], values[:, 2], color=COLORS[i], alpha=0.2, linewidth=0)
+                ax.plot(counts, values[:, 1], "o-", color=COLORS[i], label=name, markersize=4)
+            ax.set(xscale="log", xlabel="training problems", title=title)
+        axes[0].set_ylabel("success, %")
+        axes[0].legend(loc="lower right")
+
+    return save_figure(path, (8.0, 3.2), draw)

@@ -1,0 +1,191 @@
+"""Data quality: are the optima we store the best there are, and does every stored trajectory pass the check?
+
+On fresh random problems an exhaustive search (IPOPT alone, from the motions under many random controls, to every
+winding of the goal up to two beyond the listed ones that lies in the operating box) is compared with the product's ways
+of solving: ``ocp_envs.solve``, a generated database, and warm starts from the training database. A case counts against
+us where the search is more than 0.1 % cheaper. The search goes on where it was interrupted.
+
+    python scripts/check_data.py                # writes results/data_quality.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+import ocp_envs
+from moe_policy.optimal import SolverPlanner
+from ocp_envs.database import Database
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.records import provenance, write_json
+from ocp_envs.solver import GuardedSolver, SolverSettings, guesses, verify
+from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
+
+ROOT = Path(__file__).resolve().parents[1]
+TOLERANCE = 1e-3
+BEYOND = 2
+CASES_PER_TASK = 5
+#: Seed of the cases; no split has it.
+SEED = 303
+
+
+def widened(problem: OptimalControlProblem) -> OptimalControlProblem:
+    """The problem with all windings up to ``BEYOND`` further that lie in the operating box."""
+    goal, state = problem.goal, problem.system.state
+    around = [range(-BEYOND, BEYOND + 1) if period else range(1) for period in state.periods]
+    steps = np.stack(np.meshgrid(*around, indexing="ij"), axis=-1).reshape(-1, len(state))
+    windings = np.unique((goal.windings[:, None] + steps).reshape(-1, len(state)), axis=0)
+    inside = state.contains(goal.state + windings * state.periods)
+    return dataclasses.replace(problem, goal=dataclasses.replace(goal, windings=windings[inside]))
+
+
+@lru_cache(maxsize=1)
+def searcher(name: str) -> GuardedSolver:
+    """This process's solver of the widened problem."""
+    return GuardedSolver(widened(ocp_envs.load(name)), SolverSettings(primary="ipopt"))
+
+
+def search(name: str, cases: Array, starts: int, seed: tuple[int, ...]) -> Array:
+    """The lowest cost found to every winding, (cases, windings); +inf where none was."""
+    solver = searcher(name)
+    count, rng = len(solver.problem.targets), np.random.default_rng(seed)
+    parameters = np.repeat(cases, count, axis=0)
+    windings = np.tile(np.arange(count), len(cases))
+    best = np.full(len(parameters), np.inf)
+    for _ in range(starts):
+        tried = guesses(solver.problem, parameters, windings, rng, "rollout")
+        best = np.minimum(best, solver.solve(parameters, tried, windings, persist=False).cost)
+    return best.reshape(len(cases), count)
+
+
+def exhaustive(problem: OptimalControlProblem, cases: Array, starts: int, workers: int, store: Path) -> Array:
+    """Costs of the search, (cases, windings), kept in ``store`` as they come."""
+    costs = np.full((len(cases), len(widened(problem).targets)), np.nan)
+    key = f"{problem.fingerprint} {len(cases)} {starts} {SEED}"
+    if store.exists():
+        with np.load(store, allow_pickle=False) as file:
+            costs = file["costs"] if str(file["key"]) == key else costs
+    begins = [i for i in range(0, len(cases), CASES_PER_TASK) if np.isnan(costs[i, 0])]
+    store.parent.mkdir(parents=True, exist_ok=True)
+    searcher(problem.id).start()  # compiles, once, before the workers ask for it
+    with (
+        ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool,
+        tqdm(total=len(begins), desc="exhaustive search", unit="task", disable=None) as bar,
+    ):
+        tasks = {pool.submit(search, problem.id, cases[i : i + CASES_PER_TASK], starts, (SEED, i)): i for i in begins}
+        for task in as_completed(tasks):
+            begin = tasks[task]
+            costs[begin : begin + CASES_PER_TASK] = task.result()
+            part = store.with_suffix(".part.npz")
+            np.savez(part, costs=costs, key=np.array(key))
+            os.replace(part, store)
+            bar.update()
+    return costs
+
+
+def by_solve(problem: OptimalControlProblem, cases: Array) -> Array:
+    return np.array([ocp_envs.solve(problem, p).cost for p in tqdm(cases, desc="solve", disable=None)])
+
+
+def by_generate(problem: OptimalControlProblem, cases: Array) -> Array:
+    with tempfile.TemporaryDirectory() as folder:
+        return ocp_envs.generate(problem, Path(folder) / "cases.zarr", cases).rows().cost.min(axis=1)
+
+
+def compare(ours: Array, costs: Array, cases: Array, targets: Array) -> dict[str, Any]:
+    """How one way of solving does against the search."""
+    best = costs.min(axis=1)
+    worse = np.flatnonzero(ours > best * (1 + TOLERANCE))
+    found = np.isfinite(ours) & np.isfinite(best)
+    return {
+        "worse": len(worse),
+        "share_worse": len(worse) / len(cases),
+        "better": int((ours < best * (1 - TOLERANCE)).sum()),
+        "unsolved": int((~np.isfinite(ours)).sum()),
+        "largest_excess": float((ours[found] / best[found] - 1).max()) if found.any() else None,
+        "cases": [
+            {
+                "parameters": cases[i],
+                "ours": float(ours[i]) if np.isfinite(ours[i]) else None,
+                "search": float(best[i]),
+                "target": targets[costs[i].argmin()],
+            }
+            for i in worse
+        ],
+    }
+
+
+def check_database(database: Database) -> dict[str, int]:
+    """The independent check of every trajectory of a database, winners and others."""
+    problem, rows = database.problem, database.rows()
+    row, mode = np.nonzero(np.isfinite(rows.cost))
+    sizes = problem.knots, problem.system.nx, problem.system.nu
+    trajectory = Trajectory.from_flat(rows.z[row, mode], *sizes)
+    passed = verify(problem, database.parameters[row], trajectory, rows.cost[row, mode]).passed
+    return {"trajectories": len(row), "failing": int((~passed).sum()), **database.totals()}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
+    parser.add_argument("--cases", type=int, default=500, help="fresh random problems")
+    parser.add_argument("--starts", type=int, default=60, help="guesses of the search for every winding")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes of the search")
+    parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
+    parser.add_argument("--output", type=Path, default=ROOT / "results" / "data_quality.json")
+    arguments = parser.parse_args()
+
+    problem = ocp_envs.load(arguments.env)
+    folder = arguments.data / problem.id
+    databases = {path.stem: Database.open(path, problem) for path in sorted(folder.glob("*.zarr"))}
+    cases = ocp_envs.sample(problem, SEED, arguments.cases)
+    targets = widened(problem).targets
+    began = time.perf_counter()
+    costs = exhaustive(problem, cases, arguments.starts, arguments.workers, folder / "exhaustive.npz")
+    seconds = time.perf_counter() - began
+
+    ways: dict[str, Callable[[], Array]] = {
+        "solve": lambda: by_solve(problem, cases),
+        "generate": lambda: by_generate(problem, cases),
+    }
+    if "training" in databases:
+        ways["warm starts"] = lambda: SolverPlanner(problem, databases["training"]).best(cases)[1]
+    results = {}
+    for name, way in ways.items():
+        began = time.perf_counter()
+        results[name] = compare(way(), costs, cases, targets) | {"seconds": time.perf_counter() - began}
+        print(f"{name}: {results[name]['worse']} of {len(cases)} cases more than 0.1 % above the exhaustive search")
+    checks = {name: check_database(database) for name, database in databases.items()}
+    for name, check in checks.items():
+        print(f"{name}: {check['failing']} of {check['trajectories']} stored trajectories fail the check")
+    search_record = {"starts": arguments.starts, "targets": targets, "seconds_of_last_run": seconds, "seed": SEED}
+    write_json(
+        arguments.output,
+        {
+            "problem": problem.id,
+            "cases": len(cases),
+            "tolerance": TOLERANCE,
+            "search": search_record,
+            "ways": results,
+            "databases": checks,
+            "provenance": provenance(),
+        },
+    )
+    print(f"wrote {arguments.output}")
+
+
+if __name__ == "__main__":
+    main()

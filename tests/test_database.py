@@ -1,0 +1,232 @@
+import shutil
+
+import numpy as np
+import pytest
+
+from ocp_envs.database import Database, DatabaseError, Rows
+from ocp_envs.nlp import Status
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.sampling import grid, sample
+from tests.problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
+
+COUNT, CHUNK = 10, 4
+
+
+def made_up(problem, parameters, seed=0):
+    """Rows with arbitrary trajectories: the first problem has none, the others at least one."""
+    rng = np.random.default_rng(seed)
+    size, modes = len(parameters), len(problem.modes)
+    have = rng.random((size, modes)) < 0.7
+    have[:, 0] = True
+    have[0] = False
+    counts = {name: rng.integers(0, 9, size).astype(np.int32) for name in ("solves", "failures", "fallbacks")}
+    return Rows(
+        status=np.where(have.any(axis=1), Status.SOLVED, Status.NOT_CONVERGED).astype(np.int8),
+        slot_status=np.where(have, Status.SOLVED, Status.EMPTY).astype(np.int8),
+        cost=np.where(have, rng.random((size, modes)) + 1, np.inf),
+        z=np.where(have[..., None], rng.random((size, modes, problem.flat_size)), np.nan),
+        multipliers=rng.random((size, modes, problem.knots, problem.n_clearances)),
+        iterations=np.full(size, 7, np.int32),
+        **counts,
+    )
+
+
+def part(rows, where):
+    return Rows(**{name: value[where] for name, value in vars(rows).items()})
+
+
+@pytest.fixture
+def order():
+    return np.random.default_rng(3).permutation(COUNT)
+
+
+@pytest.fixture
+def empty(tmp_path, order):
+    return Database.create(tmp_path / "d.zarr", PENDULUM, sample(PENDULUM, 1, COUNT), order=order, chunk=CHUNK)
+
+
+@pytest.fixture
+def filled(empty, order):
+    rows = made_up(PENDULUM, empty.parameters)
+    for chunk in range(empty.chunks):
+        empty.write(chunk, part(rows, order[empty.stored_rows(chunk)]))
+    return Database.open(empty.path), rows
+
+
+# -- parameters ------------------------------------------------------------------------------------------------------
+
+
+def test_a_sample_depends_on_seed_and_index_alone():
+    np.testing.assert_array_equal(sample(PENDULUM, 5, 100)[:7], sample(PENDULUM, 5, 7))
+    assert not np.allclose(sample(PENDULUM, 5, 7), sample(PENDULUM, 6, 7))
+
+
+def test_samples_are_uniform_on_the_box():
+    p, box = sample(PENDULUM, 0, 20_000), PENDULUM.parameters
+    assert box.contains(p).all()
+    unit = (p - box.lower) / (box.upper - box.lower)
+    # Five standard errors of mean, second moment and correlation of a uniform variable.
+    np.testing.assert_allclose(unit.mean(axis=0), 1 / 2, atol=5 / np.sqrt(12 * len(p)))
+    np.testing.assert_allclose((unit**2).mean(axis=0), 1 / 3, atol=5 * np.sqrt(4 / 45 / len(p)))
+    assert abs(np.corrcoef(unit.T)[0, 1]) < 5 / np.sqrt(len(p))
+
+
+def test_the_grid_has_both_ends_and_the_papers_size():
+    p, box = grid(PENDULUM, (61, 21)), PENDULUM.parameters
+    assert p.shape == (1281, 2)
+    np.testing.assert_array_equal(p[[0, -1]], [box.lower, box.upper])
+    np.testing.assert_allclose(np.diff(np.unique(p[:, 0])), 2 * np.pi / 60)
+    assert (np.diff(p[:21, 1]) > 0).all()
+
+
+@pytest.mark.parametrize(
+    "call", [lambda: sample(PENDULUM, -1, 3), lambda: grid(PENDULUM, (3,)), lambda: grid(PENDULUM, (3, 1))]
+)
+def test_bad_sizes_are_refused(call):
+    with pytest.raises(ValueError, match="expected"):
+        call()
+
+
+# -- reading and writing -----------------------------------------------------------------------------------------------
+
+
+def test_rows_come_back_in_the_order_of_the_parameters(filled):
+    database, rows = filled
+    assert database.complete
+    assert len(database) == COUNT
+    np.testing.assert_array_equal(database.parameters, sample(PENDULUM, 1, COUNT))
+    for name, value in vars(rows).items():
+        np.testing.assert_array_equal(getattr(database.rows(), name), value, err_msg=name)
+        np.testing.assert_array_equal(getattr(database.rows([7, 2]), name), value[[7, 2]], err_msg=name)
+
+
+def test_samples_are_the_cheapest_trajectories_of_solved_problems(filled):
+    database, rows = filled
+    samples = database.samples()
+    np.testing.assert_array_equal(samples.index, np.arange(1, COUNT))
+    np.testing.assert_array_equal(samples.parameters, database.parameters[1:])
+    np.testing.assert_array_equal(samples.mode_costs, rows.cost[1:])
+    for i in range(len(samples)):
+        mode = min(range(3), key=lambda m: rows.cost[i + 1, m])
+        assert (samples.mode[i], samples.cost[i]) == (mode, rows.cost[i + 1, mode])
+        np.testing.assert_array_equal(samples.trajectory[i].flat()[0], rows.z[i + 1, mode])
+    np.testing.assert_array_equal(database.samples([5, 0, 3]).index, [5, 3])
+
+
+def test_samples_can_be_sliced(filled):
+    samples = filled[0].samples()
+    chosen = samples[samples.mode == 0]
+    assert len(chosen) == (samples.mode == 0).sum()
+    np.testing.assert_array_equal(chosen.trajectory.flat(), samples.trajectory.flat()[samples.mode == 0])
+    assert chosen.problem is samples.problem
+
+
+def test_multipliers_of_a_path_constraint_are_kept(tmp_path):
+    p = sample(WALLED_INTEGRATOR, 0, 3)
+    rows = made_up(WALLED_INTEGRATOR, p)
+    database = Database.create(tmp_path / "d", WALLED_INTEGRATOR, p)
+    database.write(0, rows)
+    np.testing.assert_array_equal(database.samples().multipliers, rows.multipliers[1:, 0])
+
+
+def test_totals_and_digest(filled, empty):
+    database, rows = filled
+    totals = database.totals()
+    assert totals["problems"] == COUNT
+    assert totals["solved"] == COUNT - 1
+    assert totals["solves"] == rows.solves.sum()
+    before = database.digest()
+    assert Database.open(database.path).digest() == before
+    changed = made_up(PENDULUM, database.parameters, seed=9)
+    database.write(0, part(changed, slice(0, CHUNK)))
+    assert database.digest() != before
+
+
+# -- interrupted and damaged files -------------------------------------------------------------------------------------
+
+
+def test_a_chunk_without_status_does_not_exist(filled):
+    database, _ = filled
+    (database.path / "status" / "c" / "1").unlink()
+    again = Database.open(database.path)
+    np.testing.assert_array_equal(again.present(), [True, False, True])
+    assert not again.complete
+    assert again.totals()["problems"] == COUNT - CHUNK
+
+
+@pytest.mark.filterwarnings("ignore:Object at .*partial")
+def test_what_an_interrupted_write_leaves_is_tolerated(filled):
+    database, rows = filled
+    (database.path / "z" / "c" / "0.1234.partial").write_bytes(b"half a chunk")
+    (database.path / "zarr.5678.partial").write_bytes(b"{")
+    np.testing.assert_array_equal(Database.open(database.path).rows().cost, rows.cost)
+
+
+def damage_truncate(path):
+    file = path / "cost" / "c" / "0" / "0"
+    file.write_bytes(file.read_bytes()[:-7])
+
+
+def damage_flip(path):
+    file = path / "cost" / "c" / "0" / "0"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    file.write_bytes(content)
+
+
+def damage_remove_trajectories(path):
+    (path / "z" / "c" / "0" / "0" / "0").unlink()
+
+
+def damage_remove_slots(path):
+    (path / "slot_status" / "c" / "0" / "0").unlink()
+
+
+def damage_array(path):
+    shutil.rmtree(path / "cost")
+
+
+def damage_description(path):
+    (path / "zarr.json").write_text("{")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        damage_truncate,
+        damage_flip,
+        damage_remove_trajectories,
+        damage_remove_slots,
+        damage_array,
+        damage_description,
+    ],
+)
+def test_damage_is_an_error(filled, damage):
+    path = filled[0].path
+    damage(path)
+    with pytest.raises(DatabaseError, match="damaged"):
+        Database.open(path).samples()
+
+
+def test_foreign_folders_are_refused(tmp_path):
+    with pytest.raises(DatabaseError, match="no database at"):
+        Database.open(tmp_path / "nothing")
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(DatabaseError, match="not a database"):
+        Database.open(tmp_path)
+    with pytest.raises(DatabaseError, match="exists already"):
+        Database.create(tmp_path, PENDULUM, sample(PENDULUM, 0, 3))
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_another_problem_is_refused(empty):
+    with pytest.raises(DatabaseError, match=r"made for PendulumSwingup-v0 .* not for DoubleIntegrator-v0"):
+        Database.open(empty.path, DOUBLE_INTEGRATOR)
+    with pytest.raises(DatabaseError, match="has changed since"):
+        Database.open(empty.path, PENDULUM.with_constants(mass=1.1))
+
+
+def test_an_order_must_be_a_permutation(tmp_path):
+    with pytest.raises(ValueError, match="permutation"):
+        Database.create(tmp_path / "d", PENDULUM, sample(PENDULUM, 0, 3), order=[0, 0, 1])
+    assert not (tmp_path / "d").exists()

@@ -1,0 +1,272 @@
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ocp_envs import generation
+from ocp_envs.compilation import CompiledNotAvailable
+from ocp_envs.database import Database, DatabaseError
+from ocp_envs.generation import GenerationSettings, generate
+from ocp_envs.problem import OutsideBoxError
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.sampling import sample
+from ocp_envs.solver import Solver, Status, verify
+from ocp_envs.trajectory import Trajectory
+from tests.problems import DOUBLE_INTEGRATOR
+
+SMALL = GenerationSettings(first=20, chunk=10, starts=2)
+COUNT = 80
+needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="finds worker processes in /proc")
+#: What the processes below run; arguments: folder, workers.
+SCRIPT = """
+import sys
+from ocp_envs.generation import GenerationSettings, generate
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.sampling import sample
+if __name__ == "__main__":
+    settings = GenerationSettings(first=20, chunk=10, starts=2)
+    generate(PENDULUM, sys.argv[1], sample(PENDULUM, 7, 80), workers=int(sys.argv[2]), seed=3, settings=settings)
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _interpreted():
+    """Children inherit the environment: without a compiler they start at once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", "")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CompiledNotAvailable)
+            yield
+
+
+class InProcess(Executor):
+    """Runs a task when it is submitted; notes which ones."""
+
+    def __init__(self):
+        self.tasks = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.tasks.append(args[0])
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Unguarded(Solver):
+    """A solver in this process with the guard's methods, and a record of what it was asked."""
+
+    asked: list[np.ndarray] = []  # noqa: RUF012 - shared on purpose
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        pass
+
+    def start(self):
+        pass
+
+    def solve(self, parameters, guesses, windings, persist=True):
+        self.asked.append(windings)
+        return super().solve(parameters, guesses, windings, persist)
+
+
+@pytest.fixture
+def unguarded(monkeypatch):
+    monkeypatch.setattr(generation, "GuardedSolver", Unguarded)
+    generation._worker.cache_clear()
+    Unguarded.asked.clear()
+    yield Unguarded
+    generation._worker.cache_clear()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The database that was never interrupted, by the default pool."""
+    path = tmp_path_factory.mktemp("whole") / "d.zarr"
+    return generate(PENDULUM, path, sample(PENDULUM, 7, COUNT), workers=2, seed=3, settings=SMALL)
+
+
+# -- what is found -----------------------------------------------------------------------------------------------------
+
+
+def test_every_problem_is_solved_and_every_trajectory_passes_the_check(whole):
+    rows = whole.rows()
+    assert (rows.status == Status.SOLVED).all()
+    row, mode = np.nonzero(np.isfinite(rows.cost))
+    np.testing.assert_array_equal(np.isfinite(rows.cost), rows.slot_status == Status.SOLVED)
+    plans = Trajectory.from_flat(rows.z[row, mode], PENDULUM.knots, 2, 1)
+    assert verify(PENDULUM, whole.parameters[row], plans, rows.cost[row, mode]).passed.all()
+    np.testing.assert_array_equal(PENDULUM.modes.classify(PENDULUM, plans, rows.multipliers[row, mode]), mode)
+
+
+def test_warm_starts_find_what_mirrored_problems_have(tmp_path, unguarded):
+    """θ → 2π − θ, ω → −ω maps optima to optima of the same cost and swaps the outer windings."""
+    p = sample(PENDULUM, 11, 60)
+    mirrored = np.stack([2 * np.pi - p[:, 0], -p[:, 1]], axis=1)
+    database = generate(PENDULUM, tmp_path / "d", np.concatenate([p, mirrored]), executor=InProcess(), settings=SMALL)
+    cost = database.rows().cost.min(axis=1)
+    np.testing.assert_allclose(cost[:60], cost[60:], rtol=1e-3)
+    modes = database.samples().mode
+    clear = np.sort(database.rows().cost, axis=1)
+    clear = (clear[:, 1] > 1.001 * clear[:, 0])[:60]
+    np.testing.assert_array_equal(modes[:60][clear], 2 - modes[60:][clear])
+
+
+def test_rounds_double_and_warm_starts_come_from_earlier_rounds_only(tmp_path, unguarded):
+    """Spoilt trajectories of a round show up as guesses in later rounds alone."""
+    executor = InProcess()
+    database = generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, COUNT), executor=executor, settings=SMALL)
+    assert [task.chunk for task in executor.tasks] == list(range(8))
+    assert [len(task.owner) > 0 for task in executor.tasks] == [False] * 2 + [True] * 6
+    stored = database.stored(slice(0, COUNT)).z.astype(np.float32)
+    for task in executor.tasks[2:]:
+        before = 20 if task.chunk < 6 else 60  # rounds of 20, 40 and the rest
+        known = stored[:before].reshape(-1, PENDULUM.flat_size)
+        distance = np.abs(known[None] - task.z[:, None]).max(axis=2)
+        assert np.nanmin(distance, axis=1).max() == 0
+
+
+def test_the_first_round_tries_every_winding(tmp_path, unguarded):
+    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=SMALL)
+    assert set(np.concatenate(unguarded.asked)) == {0, 1, 2}
+
+
+def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monkeypatch):
+    """Too little time for any swing-up from the bottom: nothing is dropped, nothing invented."""
+    hurried = dataclasses.replace(PENDULUM, duration=(0.1, 0.2))
+    p = np.array([[0.0, 0.0], [np.pi, 0.0]])
+    database = generate(hurried, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
+    rows = database.rows()
+    assert rows.status[0] == Status.NOT_CONVERGED
+    assert np.isinf(rows.cost[0]).all()
+    assert np.isnan(rows.z[0]).all()
+    assert rows.failures[0] == rows.solves[0] > 0
+    assert database.samples().index.tolist() == [1]
+
+
+# -- interruptions and workers -----------------------------------------------------------------------------------------
+
+
+def test_arrays_do_not_depend_on_the_workers(whole, tmp_path):
+    with ThreadPoolExecutor(1) as executor:
+        arguments = {"seed": 3, "settings": SMALL, "executor": executor}
+        other = generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, COUNT), **arguments)
+    assert other.digest() == whole.digest()
+
+
+def start_process(path, workers):
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    return subprocess.Popen([sys.executable, "-c", SCRIPT, str(path), str(workers)], env=environment)
+
+
+def wait_for_chunks(path, count):
+    deadline = time.monotonic() + 120
+    while len(list((path / "status").glob("c/*"))) < count:
+        assert time.monotonic() < deadline, "generation does not get on"
+        time.sleep(0.02)
+
+
+def workers_of(process):
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+def wait_for_end(pids):
+    """Nobody is left behind (a process that has ended but was not reaped yet does not count)."""
+    deadline = time.monotonic() + 30
+    for pid in pids:
+        while (stat := Path(f"/proc/{pid}/stat")).exists() and stat.read_text().rsplit(")", 1)[1].split()[0] != "Z":
+            assert time.monotonic() < deadline, f"worker {pid} outlived its parent"
+            time.sleep(0.05)
+
+
+@needs_proc
+@pytest.mark.parametrize("chunks", [1, pytest.param(4, marks=pytest.mark.slow)])
+def test_a_killed_parent_loses_nothing(whole, tmp_path, chunks):
+    path = tmp_path / "d"
+    process = start_process(path, 2)
+    wait_for_chunks(path, chunks)
+    workers = workers_of(process)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    wait_for_end(workers)
+    database = Database.open(path)
+    done = int(database.present().sum())
+    assert chunks <= done < database.chunks
+    executor = InProcess()
+    again = generate(PENDULUM, path, sample(PENDULUM, 7, COUNT), executor=executor, seed=3, settings=SMALL)
+    assert len(executor.tasks) == database.chunks - done
+    assert again.digest() == whole.digest()
+
+
+@needs_proc
+def test_a_killed_worker_costs_its_chunk_only(whole, tmp_path):
+    path = tmp_path / "d"
+    process = start_process(path, 2)
+    wait_for_chunks(path, 1)
+    os.kill(workers_of(process)[0], signal.SIGKILL)
+    assert process.wait(timeout=120) == 0
+    assert Database.open(path).digest() == whole.digest()
+
+
+class Broken(InProcess):
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        future.set_exception(BrokenExecutor("gone"))
+        return future
+
+
+def test_an_executor_that_is_not_ours_is_not_replaced(tmp_path, unguarded):
+    with pytest.raises(BrokenExecutor, match="gone"):
+        generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=Broken(), settings=SMALL)
+
+
+def test_a_finished_database_is_not_solved_again(tmp_path, unguarded):
+    p = sample(PENDULUM, 7, 10)
+    first = generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
+    executor = InProcess()
+    assert generate(PENDULUM, tmp_path / "d", p, executor=executor, settings=SMALL).digest() == first.digest()
+    assert executor.tasks == []
+
+
+# -- bad input ---------------------------------------------------------------------------------------------------------
+
+
+def test_another_call_at_the_same_path_is_refused(tmp_path, unguarded):
+    p, executor = sample(PENDULUM, 7, 10), InProcess()
+    generate(PENDULUM, tmp_path / "d", p, executor=executor, settings=SMALL)
+    for change in ({"seed": 1}, {"settings": dataclasses.replace(SMALL, starts=3)}):
+        with pytest.raises(DatabaseError, match="other parameters, settings or seed"):
+            generate(PENDULUM, tmp_path / "d", p, **({"executor": executor, "settings": SMALL} | change))
+    with pytest.raises(DatabaseError, match="other parameters, settings or seed"):
+        generate(PENDULUM, tmp_path / "d", p + 1e-9, executor=executor, settings=SMALL)
+    with pytest.raises(DatabaseError, match="made for PendulumSwingup-v0"):
+        generate(DOUBLE_INTEGRATOR, tmp_path / "d", np.zeros((3, 2)), executor=executor)
+
+
+def test_parameters_are_checked_before_anything_is_written(tmp_path):
+    with pytest.raises(OutsideBoxError, match="extrapolate"):
+        generate(PENDULUM, tmp_path / "d", np.array([[0.0, 9.0]]))
+    with pytest.raises(ValueError, match="finite"):
+        generate(PENDULUM, tmp_path / "d", np.array([[np.nan, 0.0]]))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "change", [{"first": 0}, {"chunk": 0}, {"starts": 0}, {"neighbours": 0}, {"cold": -1}, {"margin": -1.0}]
+)
+def test_settings_are_checked(change):
+    with pytest.raises(ValueError, match=f"{next(iter(change))} must be"):
+        GenerationSettings(**change)
