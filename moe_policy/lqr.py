@@ -23,7 +23,7 @@ from ocp_envs.system import frozen_array
 
 Array = NDArray[np.float64]
 
-#: The end of a plan counts this many times what the hold would cost from there, see :class:`TrackingWeights`.
+#: Where a goal cannot be held, the error at the end of a plan counts as much as so many ticks of it.
 TERMINAL_FACTOR = 10.0
 #: The recursion linearises at most this many different numbers of plans, see :meth:`Regulator.along`.
 _SIZES = 8
@@ -36,12 +36,12 @@ class TrackingWeights:
     Args:
         state: diagonal of Q, (nx,).
         control: diagonal of R, (nu,), positive.
-        terminal: weight of the error at the end of a plan, (nx, nx); by default ten times the solution of the algebraic
-            Riccati equation at the goal (what the hold would cost), and 10 Q where the goal cannot be held.
+        terminal: weight of the error at the end of a plan, (nx, nx); by default the solution of the algebraic Riccati
+            equation at the goal, which is what the hold costs from there, and 10 Q where the goal cannot be held.
 
-    *Measured* on 1,000 pendulum plans of small networks: with that ten the median error at the plan's end is half of
-    what it is without, and 972 instead of 966 plans end in the goal ball; a hundred is worse (950), and so are other Q
-    and R (942 to 972). Exact plans end within 1e-4 with all of them.
+    *Measured* on the pendulum's development set with mixtures over the modes, 4 and 10 clusters: 988, 995 and 995 of
+    1,000 plans end in the goal ball with these weights; with ten times the terminal weight 990, 994 and 988, with a
+    hundred times 977, 986 and 973; with Q = 10 I 990, 995 and 992. Exact plans end within 1e-4 with all of them.
     """
 
     state: Array
@@ -94,13 +94,13 @@ class Regulator:
         self.problem, self.dt, self.weights = problem, float(dt), weights
         self._linearise = problem.batch_linearisation(Simulator(problem, dt).substeps)
         self.hold, end = self._at_goal()
-        self.terminal: Array = TERMINAL_FACTOR * end if terminal is None else terminal
+        self.terminal: Array = end if terminal is None else terminal
 
     def _at_goal(self) -> tuple[Array, Array]:
-        """Gain and cost-to-go matrix of the hold (0 and Q without one); the context is the middle of its box."""
+        """Gain and cost-to-go of the hold (0 and 10 Q where there is none); the context is the middle of its box."""
         problem, weights = self.problem, self.weights
         if problem.hold == 0:
-            return np.zeros((problem.system.nu, problem.system.nx)), np.diag(weights.state)
+            return np.zeros((problem.system.nu, problem.system.nx)), TERMINAL_FACTOR * np.diag(weights.state)
         context = (problem.context.lower + problem.context.upper) / 2
         a, b = self.linearise(problem.goal.state[None], problem.goal.control[None], context[None])
         gain, cost_to_go, _ = control.dlqr(a[0], b[0], np.diag(weights.state), np.diag(weights.control))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.clustering import Samples, SampleSource, samples_of
-from moe_policy.planner import NearestPlanner, subset
+from moe_policy.planner import NearestPlanner
 from moe_policy.scaling import Array
 from ocp_envs.guesses import guesses
 from ocp_envs.problem import OptimalControlProblem
@@ -30,15 +30,17 @@ class BatchSolver(Protocol):
 class SolverPlanner:
     """Plans by solving the nonlinear program.
 
-    Every p is started from the ``neighbours`` nearest samples of each mode in ``database``, and for every winding of
-    the goal from ``starts`` guesses with random controls. The guesses depend on the seed and on p alone, so a plan does
-    not depend on the batch it is made in.
+    Every p is started from its nearest samples in ``database``: among ``lookaround`` of them, the ``neighbours`` nearest
+    of every mode that occurs there. Beside that, or without a database, each winding of the goal is started from
+    ``starts`` guesses with random controls. The guesses depend on the seed and on p alone, so a plan does not depend on
+    the batch it is made in.
 
     Args:
         problem: what to solve.
-        database: source of warm starts, a Database or its samples; without it random guesses must do.
+        database: source of warm starts, a Database, its samples or a NearestPlanner; without it random guesses must do.
         neighbours: warm starts for each mode.
-        starts: random guesses for each winding; by default 1 beside warm starts, else 8.
+        lookaround: nearest samples among which modes are looked for.
+        starts: random guesses for each winding; by default none beside warm starts, else 8.
         seed: of the random guesses.
         solver: what solves; by default a new ``GuardedSolver(problem)``.
         name: short name for tables.
@@ -53,22 +55,22 @@ class SolverPlanner:
         database: Samples | SampleSource | None = None,
         *,
         neighbours: int = 2,
+        lookaround: int = 12,
         starts: int | None = None,
         seed: int = 0,
         solver: BatchSolver | None = None,
         name: str = "optimal",
     ) -> None:
         self.problem, self.name, self.seed = problem, name, seed
-        self.neighbours = neighbours
-        self.starts = (8 if database is None else 1) if starts is None else starts
-        self._families: list[NearestPlanner] = []
+        self.neighbours, self.lookaround = neighbours, lookaround
+        self.starts = (8 if database is None else 0) if starts is None else starts
+        self._nearest: NearestPlanner | None = None
         if database is not None and neighbours > 0:
             samples = samples_of(database)
             if samples.problem.id != problem.id:
                 raise ValueError(f"the database belongs to {samples.problem.id}, not to {problem.id}")
-            modes = np.unique(samples.mode)
-            self._families = [NearestPlanner(subset(samples, samples.mode == mode)) for mode in modes]
-        if self.starts < 0 or (self.starts == 0 and not self._families):
+            self._nearest = NearestPlanner(samples)
+        if self.starts < 0 or (self.starts == 0 and self._nearest is None):
             raise ValueError("no guesses: give a database with neighbours ≥ 1, or starts ≥ 1")
         self.solver: BatchSolver = GuardedSolver(problem) if solver is None else solver
 
@@ -92,11 +94,11 @@ class SolverPlanner:
         """Row of p, guess and winding of every solve."""
         every = np.arange(len(p))
         rows, parts, windings = [], [], []
-        for family in self._families:
-            count = min(self.neighbours, len(family.parameters))
-            parts.append(family.trajectory[family.neighbours(p, count).ravel()])
-            rows.append(np.repeat(every, count))
-            windings.append(np.full(len(rows[-1]), _NEAREST_TARGET))
+        if self._nearest is not None and len(p):
+            row, sample = self._warm_starts(self._nearest, p)
+            rows.append(row)
+            parts.append(self._nearest.trajectory[sample])
+            windings.append(np.full(len(row), _NEAREST_TARGET))
         each = np.repeat(np.arange(len(self.problem.targets)), self.starts)
         if len(each):
             for row in every:
@@ -109,3 +111,14 @@ class SolverPlanner:
             parts = [Trajectory(np.empty((0, knots, system.nx)), np.empty((0, knots - 1, system.nu)), np.empty(0))]
             return every, parts[0], every
         return np.concatenate(rows), Trajectory.concatenate(parts), np.concatenate(windings)
+
+    def _warm_starts(self, nearest: NearestPlanner, p: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Row of p and number of the sample of every warm start."""
+        around = nearest.neighbours(p, min(self.lookaround, len(nearest.parameters)))
+        modes = nearest.mode[around]
+        chosen = np.zeros(around.shape, dtype=bool)
+        for mode in np.unique(modes):
+            same = modes == mode
+            chosen |= same & (np.cumsum(same, axis=1) <= self.neighbours)
+        row, column = np.nonzero(chosen)
+        return row, around[row, column]

@@ -187,11 +187,6 @@ class Stored:
     mode: NDArray[np.int64]
 
 
-def subset(samples: Samples, rows: NDArray[np.bool_]) -> Stored:
-    """The samples in the rows of a mask."""
-    return Stored(samples.problem, samples.parameters[rows], samples.trajectory[rows], samples.mode[rows])
-
-
 class NearestPlanner:
     """The stored solution of the nearest stored parameter, every coordinate of p divided by the width of its box.
 

@@ -209,7 +209,7 @@ WIDE_GOAL = dataclasses.replace(
 @pytest.mark.parametrize(
     "settings",
     [
-        SACSettings(steps=6_000, learning_starts=2_000, evaluate_every=2_000),
+        SACSettings(steps=12_000, learning_starts=2_000, evaluate_every=3_000),
         PPOSettings(steps=150_000, evaluate_every=50_000),
     ],
     ids=["sac", "ppo"],

@@ -104,7 +104,7 @@ class Recorder:
     def __init__(self, solved=lambda p, duration: np.ones(len(duration), dtype=bool)):
         self.solved, self.calls = solved, []
 
-    def solve(self, parameters, guesses, windings):
+    def solve(self, parameters, guesses, windings, persist=True):
         self.calls.append((parameters, windings))
         failed = ~self.solved(parameters, guesses.duration)
         flat = guesses.flat()
