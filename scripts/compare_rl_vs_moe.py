@@ -21,6 +21,7 @@ import moe_policy
 import ocp_envs
 from moe_policy import baselines, recipes
 from moe_policy.comparison import COLUMNS, Contestant, outcome, run
+from moe_policy.evaluation import time_planner
 from moe_policy.optimal import SolverPlanner
 from moe_policy.planner import NearestPlanner
 from moe_policy.reporting import comparison_figure, text_table
@@ -114,11 +115,16 @@ def main() -> None:
     log(f"{len(parameters)} starts of {problem.id}")
 
     optimal = SolverPlanner(problem, nearest)
+    solving = time.perf_counter()
     trajectories, found = optimal.best(parameters)
+    planning = {str(len(parameters)): (time.perf_counter() - solving) / len(parameters)}
+    planning |= {str(k): v for k, v in time_planner(optimal, parameters, (1,), repeats=20).items()}
     gap = np.abs(found / costs - 1)
     same = int((gap < 1e-3).sum())
     log(f"optimal trajectories: {np.isfinite(found).sum()} solved; {same} at the reference cost within 0.1 %")
-    row, baseline = run(problem, Contestant("optimal", optimal), parameters, optimal=trajectories)
+    # What was solved is followed, not solved again.
+    row, baseline = run(problem, Contestant("optimal", lambda p: trajectories), parameters, batches=())
+    row["planning_seconds"] = planning
     rows, outcomes = [row], [outcome("optimal", baseline, problem)]
     for contestant in [*contestants, Contestant("stabiliser", moe_policy.Stabiliser(problem))]:
         row, episodes = run(problem, contestant, parameters, optimal=trajectories, baseline=baseline)

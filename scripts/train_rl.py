@@ -3,8 +3,7 @@
 With no argument this is the recorded run of the shipped pendulum policy. When it has ended, the policy that was best on
 the development set is written to ``moe_policy/models/<env-id>/<algorithm>.safetensors`` and ``.json``, and settings,
 training curve and search to ``results/training_<algorithm>_<env-id>.json``. Until then the best policy so far is in
-``data/training``, so that nothing is lost when a run is stopped. (The shipped run was judged on 1,000 other
-uniform draws, before the development set was shipped; its record says so.)
+``data/training``, so that nothing is lost when a run is stopped.
 
     python scripts/train_rl.py
     python scripts/train_rl.py --trial "discount 0.98" --set gamma=0.98 steps=60000

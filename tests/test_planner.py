@@ -119,7 +119,8 @@ class Recorder:
 
 def test_the_cheapest_solution_is_the_plan_and_failures_are_nan():
     solver = Recorder(lambda p, duration: p[:, 0] < 3)
-    planner = SolverPlanner(PENDULUM, SAMPLES, neighbours=2, starts=4, solver=solver)
+    everywhere = len(SAMPLES.parameters)
+    planner = SolverPlanner(PENDULUM, SAMPLES, neighbours=2, lookaround=everywhere, starts=4, solver=solver)
     p = np.array([[1.0, 0.0], [4.0, 1.0], [2.0, -1.0]])
     plan, cost = planner.best(p)
     np.testing.assert_array_equal(plan.finite, [True, False, True])
@@ -138,6 +139,17 @@ def test_plans_of_the_program_do_not_depend_on_the_batch(database):
     whole = planner(p).flat()
     np.testing.assert_array_equal(np.concatenate([planner(row).flat() for row in p]), whole)
     assert len(planner(p[:0])) == 0
+
+
+def test_warm_starts_come_from_the_modes_nearby():
+    solver = Recorder()
+    p = SAMPLES.parameters[[7]] + 1e-3
+    SolverPlanner(PENDULUM, SAMPLES, neighbours=2, lookaround=5, solver=solver)(p)
+    (_, windings) = solver.calls[0]
+    near = np.argsort((((SAMPLES.parameters - p) / [2 * np.pi, 4]) ** 2).sum(axis=1))[:5]
+    expected = np.minimum(np.bincount(SAMPLES.mode[near]), 2).sum()
+    assert len(windings) == expected
+    assert (windings == -1).all()
 
 
 def test_without_guesses_there_is_nothing_to_solve():
