@@ -115,9 +115,14 @@ class LearnedPolicy:
         self._ticks = round(ticks)
 
     @property
-    def parameter_count(self) -> int:
+    def parameters_total(self) -> int:
         """Number of weights of the actor."""
         return sum(p.numel() for p in self.actor.parameters())
+
+    @property
+    def parameters_active(self) -> int:
+        """Number of weights that take part in one decision: all."""
+        return self.parameters_total
 
     def at(self, dt: float) -> LearnedPolicy:
         """The same policy for environments with another control period ``dt``."""

@@ -147,7 +147,7 @@ def test_a_damaged_or_foreign_policy_file_is_refused(tmp_path):
     random_policy(details={"note": "x"}).save(path)
     loaded = store.load_file(path)
     assert (loaded.period, loaded.dt, loaded.algorithm, loaded.details) == (0.1, 0.02, "sac", {"note": "x"})
-    assert loaded.parameter_count == 3 * 8 + 8 + 8 + 1
+    assert loaded.parameters_total == 3 * 8 + 8 + 8 + 1
     with pytest.raises(store.ModelFileError, match="not for"):
         store.load_file(path, PENDULUM.with_constants(mass=2.0))
     description = json.loads((tmp_path / "sac.json").read_text())
