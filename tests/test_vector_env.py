@@ -19,7 +19,7 @@ from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 
 ROWS = 5
 ALL_PROBLEMS = [*(ocp_envs.load(name) for name in ocp_envs.names()), QUADCOPTER_OBSTACLE]
-IMPERFECT = {"constants": {"mass": 1.1}, "disturbance": 0.2, "observation_noise": 0.05, "delay": 2}
+IMPERFECT = {"disturbance": 0.2, "observation_noise": 0.05, "delay": 2}
 
 
 def assert_equal_info(ours, theirs):
@@ -55,8 +55,9 @@ def restart_ended(envs, terminated, truncated):
 def test_equals_gymnasiums_sync_vector_env(problem, mode, imperfections):
     # Coarse ticks and a short time limit: rows end by time, and quadcopters tumble out of the box.
     arguments = {"dt": 0.1, "time_limit": 1.5, **imperfections}
-    if problem is QUADCOPTER_OBSTACLE and imperfections:
-        arguments["constants"] = {"mass": 0.55}
+    if imperfections:
+        name, nominal = next(iter(problem.system.constants.items()))
+        arguments["constants"] = {name: 1.1 * nominal}
     sync = SyncVectorEnv([lambda: Env(problem, **arguments)] * ROWS, autoreset_mode=mode)
     ours = VectorEnv(problem, ROWS, mode, **arguments)
     assert ours.metadata["autoreset_mode"] is mode

@@ -6,8 +6,9 @@ import difflib
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.vehicle import VEHICLE
 
-BENCHMARK: tuple[OptimalControlProblem, ...] = (PENDULUM,)
+BENCHMARK: tuple[OptimalControlProblem, ...] = (PENDULUM, VEHICLE)
 _catalogue: dict[str, OptimalControlProblem] = {problem.id: problem for problem in BENCHMARK}
 
 

@@ -1,0 +1,146 @@
+"""What every problem of the catalogue promises, and what is shipped for it."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import moe_policy
+import ocp_envs
+from moe_policy.optimal import SolverPlanner
+from moe_policy.planner import NearestPlanner
+from moe_policy.store import ALWAYS
+from ocp_envs import reference
+from ocp_envs.guesses import guesses
+from ocp_envs.problems import BENCHMARK
+from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.sampling import sample
+from ocp_envs.simulation import Simulator
+from ocp_envs.solver import Solver
+
+PROBLEMS = tuple({problem.id: problem for problem in (*BENCHMARK, QUADCOPTER, QUADCOPTER_OBSTACLE)}.values())
+#: Problems whose reference sets are in the package.
+REFERENCED = tuple(p for p in BENCHMARK if all(reference.path_of(p, split).exists() for split in reference.SHIPPED))
+MODELS = [(problem, name) for problem in BENCHMARK for name in moe_policy.available(problem.id)]
+FILES = [(problem, name) for problem, name in MODELS if name not in ALWAYS]
+
+
+def name_of(value):
+    return getattr(value, "id", str(value))
+
+
+def corners_and_more(problem, count=40):
+    """Parameters inside the box, its lower and its upper corner among them."""
+    return np.concatenate([sample(problem, 77, count), [problem.parameters.lower, problem.parameters.upper]])
+
+
+# -- environments ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("problem", BENCHMARK, ids=name_of)
+def test_every_problem_is_an_environment_of_both_kinds(problem):
+    assert ocp_envs.load(problem.id) is problem
+    assert problem.id in ocp_envs.names()
+    env = gym.make(problem.id)
+    envs = gym.make_vec(problem.id, num_envs=3)
+    assert env.unwrapped.problem is envs.unwrapped.problem is problem
+    p = corners_and_more(problem)[-3:]
+    together, _ = envs.reset(options={"parameters": p})
+    alone = [env.reset(options={"parameters": row})[0] for row in p]
+    np.testing.assert_array_equal(together, alone)
+    assert together.shape == (3, problem.system.nx + len(problem.context))
+    env.close()
+    envs.close()
+
+
+@pytest.mark.parametrize("problem", PROBLEMS, ids=name_of)
+def test_the_simulator_makes_the_steps_of_a_solved_plan(problem):
+    """From every knot, one tick as long as the interval leads to the next knot, at the program's cost."""
+    rng = np.random.default_rng(4)
+    p = sample(problem, 4, 10)
+    p = p[np.linalg.norm(p[:, :3] - p[:, 3:6], axis=1) > p[:, 6] + 0.5] if len(problem.context) else p
+    p, windings = p[:4], np.full(4, len(problem.targets) // 2)
+    solutions = Solver(problem).solve(p, guesses(problem, p, windings, rng), windings, persist=False)
+    assert solutions.solved.sum() >= 2
+    system, (_, contexts) = problem.system, problem.start(p)
+    for row in np.flatnonzero(solutions.solved):
+        plan = solutions.trajectory[row]
+        simulator = Simulator(problem, plan.step[0], problem.substeps)
+        held = np.repeat(contexts[row : row + 1], problem.knots - 1, axis=0)
+        step = simulator.advance(plan.states[0, :-1], plan.controls[0], held)
+        np.testing.assert_allclose(step.states / system.state.scale, plan.states[0, 1:] / system.state.scale, atol=1e-6)
+        np.testing.assert_allclose(step.cost.sum(), solutions.cost[row], rtol=1e-6)
+        assert step.reached[-1]
+        assert not step.reached[: problem.knots // 2].any()
+        assert not step.left_box.any()
+        assert step.violation.max() < 1e-5
+
+
+# -- reference sets ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("split", reference.SHIPPED)
+@pytest.mark.parametrize("problem", REFERENCED, ids=name_of)
+def test_reference_sets_lie_in_the_box_with_finite_costs(problem, split):
+    shipped = reference.load(problem, split)
+    size = len(shipped)
+    assert size >= 1000
+    assert shipped.parameters.shape == (size, len(problem.parameters))
+    assert shipped.mode_costs.shape == (size, len(problem.modes))
+    assert problem.parameters.contains(shipped.parameters).all()
+    assert np.isfinite(shipped.cost).all()
+    assert (shipped.cost > 0).all()
+    np.testing.assert_array_equal(shipped.mode_costs[np.arange(size), shipped.mode], shipped.cost)
+
+
+@pytest.mark.parametrize("problem", REFERENCED, ids=name_of)
+def test_sets_are_disjoint(problem):
+    """No start on which models are judged was used to choose among them or to train them."""
+    sets = {split: reference.load(problem, split).parameters for split in reference.SHIPPED}
+    if (problem, "nearest") in MODELS:
+        sets["training"] = moe_policy.load(problem.id, "nearest").parameters
+    judged = cKDTree(sets.pop("validation"))
+    for name, parameters in sets.items():
+        assert judged.query(parameters)[0].min() > 1e-9, name
+
+
+@pytest.mark.parametrize("problem", REFERENCED, ids=name_of)
+def test_no_warm_start_finds_less_than_the_reference_cost(problem):
+    shipped = reference.load(problem, "validation")
+    nearest = moe_policy.load(problem.id, "nearest")
+    p, best = shipped.parameters[:20], shipped.cost[:20]
+    _, cost = SolverPlanner(problem, nearest, solver=Solver(problem)).best(p)
+    assert (cost > best * (1 - 1e-3)).all()
+    assert (cost < best * (1 + 1e-3)).sum() >= 18
+
+
+# -- models ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("problem", "name"), MODELS, ids=name_of)
+def test_everything_available_loads(problem, name):
+    loaded = moe_policy.load(problem.id, name)
+    assert loaded.problem is problem
+    assert callable(getattr(loaded, "predict", loaded))
+
+
+@pytest.mark.parametrize(("problem", "name"), FILES, ids=name_of)
+def test_shipped_planners_plan_and_shipped_policies_act(problem, name):
+    loaded, p = moe_policy.load(problem.id, name), corners_and_more(problem)
+    if hasattr(loaded, "predict"):
+        envs = gym.make_vec(problem.id, num_envs=len(p))
+        observations, _ = envs.reset(options={"parameters": p})
+        actions, _ = loaded.predict(observations, episode_start=np.ones(len(p), bool))
+        assert envs.action_space.contains(np.asarray(actions, np.float32))
+        return
+    plan, system = loaded(p), problem.system
+    assert plan.states.shape == (len(p), problem.knots, system.nx)
+    assert plan.controls.shape == (len(p), problem.knots - 1, system.nu)
+    assert plan.finite.all()
+    # A prediction from the wrong problem, or in the wrong scale, would not begin near its own start.
+    starts, _ = problem.start(p)
+    scale = np.ptp(np.stack([problem.parameters.lower, problem.parameters.upper]), axis=0).max()
+    assert np.median(np.abs(plan.states[:, 0] - starts)) < 0.1 * scale
+    assert isinstance(loaded, NearestPlanner) or loaded.details["training"]["test_error"] > 0
