@@ -52,6 +52,8 @@ PAPERS_TABLE: dict[str, tuple[float, int]] = {
 PAPERS_ABLATION = {(300,): 0.058, (50, 20): 0.258, (20, 50): 0.170, (30, 30, 30): 0.232}
 SIZED = ("snn", "moe-custom", "moe-kmeans-4")
 SIZES = (80, 160, 320, 640, 1281)
+#: Seeds of the ablation and of the smaller training sets.
+FEWER_SEEDS = 3
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,7 @@ def plan(seeds: int, total: int) -> Iterator[Run]:
             yield Run(name, seed, total)
         for name in ("snn", "moe-custom"):
             yield Run(name, seed, total, PAPER)
+    for seed in range(min(seeds, FEWER_SEEDS)):
         for hidden in PENDULUM_ABLATION:
             yield Run("snn", seed, total, hidden=hidden)
         for size in SIZES:
