@@ -30,10 +30,10 @@ class BatchSolver(Protocol):
 class SolverPlanner:
     """Plans by solving the nonlinear program.
 
-    Every p is started from its nearest samples in ``database``: among ``lookaround`` of them, the ``neighbours`` nearest
-    of every mode that occurs there. Beside that, or without a database, each winding of the goal is started from
-    ``starts`` guesses with random controls. The guesses depend on the seed and on p alone, so a plan does not depend on
-    the batch it is made in.
+    Every p is started from its nearest samples in ``database``: among ``lookaround`` of them, the ``neighbours``
+    nearest of every mode that occurs there. Beside that, or without a database, each winding of the goal is started
+    from ``starts`` guesses with random controls. The guesses depend on the seed and on p alone, so a plan does not
+    depend on the batch it is made in.
 
     Args:
         problem: what to solve.
@@ -95,10 +95,10 @@ class SolverPlanner:
         every = np.arange(len(p))
         rows, parts, windings = [], [], []
         if self._nearest is not None and len(p):
-            row, sample = self._warm_starts(self._nearest, p)
-            rows.append(row)
+            owner, sample = self._warm_starts(self._nearest, p)
+            rows.append(owner)
             parts.append(self._nearest.trajectory[sample])
-            windings.append(np.full(len(row), _NEAREST_TARGET))
+            windings.append(np.full(len(owner), _NEAREST_TARGET))
         each = np.repeat(np.arange(len(self.problem.targets)), self.starts)
         if len(each):
             for row in every:

@@ -38,8 +38,8 @@ ROOT = Path(__file__).resolve().parents[1]
 TOLERANCE = 1e-3
 BEYOND = 2
 CASES_PER_TASK = 5
-#: Iterations of IPOPT in the search: 98 % of the solves that converge at all have done so by then, and the others mostly
-#: chase goals out of reach. Sixty starts take the place of patience with one.
+#: Iterations of IPOPT in the search: 98 % of the solves that converge at all have done so by then, and the others
+#: mostly chase goals out of reach. Sixty starts take the place of patience with one.
 ITERATIONS = 100
 #: Seed of the cases; no split has it.
 SEED = 303

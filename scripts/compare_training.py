@@ -213,9 +213,8 @@ def main() -> None:
     record |= {"env_id": problem.id, "seconds": time.perf_counter() - began, "provenance": provenance()}
     write_json(arguments.results / f"compare_training_{problem.id}.json", record)
     for row in record["rows"]:
-        print(
-            f"{row['name']:45s} {row['success_spread']['median']:6.0f} {row['success_at_plan_end_spread']['median']:6.0f}"
-        )
+        medians = [row[f"{key}_spread"]["median"] for key in ("success", "success_at_plan_end")]
+        print(f"{row['name']:45s} {medians[0]:6.0f} {medians[1]:6.0f}")
 
 
 if __name__ == "__main__":
