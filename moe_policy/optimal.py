@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from moe_policy import store
 from moe_policy.clustering import Samples, SampleSource, samples_of
 from moe_policy.planner import NearestPlanner
 from moe_policy.scaling import Array
@@ -122,3 +123,9 @@ class SolverPlanner:
             chosen |= same & (np.cumsum(same, axis=1) <= self.neighbours)
         row, column = np.nonzero(chosen)
         return row, around[row, column]
+
+
+def with_shipped_samples(problem: OptimalControlProblem) -> SolverPlanner:
+    """The solver, warm-started from the shipped samples of the problem where there are any."""
+    database = store.load(problem.id, "nearest") if "nearest" in store.available(problem.id) else None
+    return SolverPlanner(problem, database)

@@ -38,7 +38,7 @@ READERS = {
 }
 #: What needs no file: problem → planner or policy.
 ALWAYS = {
-    "optimal": ("moe_policy.optimal", "SolverPlanner"),
+    "optimal": ("moe_policy.optimal", "with_shipped_samples"),
     "stabiliser": ("moe_policy.tracking", "Stabiliser"),
 }
 

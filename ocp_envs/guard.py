@@ -15,6 +15,7 @@ import os
 import pickle
 import queue
 import select
+import signal
 import statistics
 import struct
 import subprocess
@@ -37,6 +38,8 @@ from ocp_envs.transcription import Transcription
 _AHEAD = 4
 #: Solve times kept for the running median.
 _KEPT_TIMES = 1000
+#: Seconds after which a child ends by itself: one that hangs in C may not see that its parent was killed.
+_ALONE_LIMIT = 900
 #: Seconds a child may take to start: imports, and a compilation of the solver functions at worst.
 _START_LIMIT = 900.0
 _HEADER = struct.Struct("<Q")
@@ -245,4 +248,7 @@ def serve() -> None:
     threading.Thread(target=read, daemon=True).start()
     while True:
         task, skip_primary = tasks.get()
-        channel.send(solver.solve(task, skip_primary))
+        signal.alarm(_ALONE_LIMIT)
+        result = solver.solve(task, skip_primary)
+        signal.alarm(0)
+        channel.send(result)

@@ -18,7 +18,7 @@ from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.sampling import sample
 from ocp_envs.simulation import Simulator
-from ocp_envs.solver import Solver
+from ocp_envs.solver import GuardedSolver, Solver
 
 PROBLEMS = tuple({problem.id: problem for problem in (*BENCHMARK, QUADCOPTER, QUADCOPTER_OBSTACLE)}.values())
 #: Problems whose reference sets are in the package.
@@ -62,7 +62,8 @@ def test_the_simulator_makes_the_steps_of_a_solved_plan(problem):
     p = sample(problem, 4, 10)
     p = p[np.linalg.norm(p[:, :3] - p[:, 3:6], axis=1) > p[:, 6] + 0.5] if len(problem.context) else p
     p, windings = p[:4], np.full(4, len(problem.targets) // 2)
-    solutions = Solver(problem).solve(p, guesses(problem, p, windings, rng), windings, persist=False)
+    with GuardedSolver(problem) as solver:
+        solutions = solver.solve(p, guesses(problem, p, windings, rng, "line"), windings, persist=False)
     assert solutions.solved.sum() >= 2
     system, (_, contexts) = problem.system, problem.start(p)
     for row in np.flatnonzero(solutions.solved):
