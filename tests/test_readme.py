@@ -1,0 +1,128 @@
+"""README tells the truth: its tables, links, code and tree."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path, PurePosixPath
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+PACKAGES = ("ocp_envs", "moe_policy")
+TABLE = re.compile(r"<!-- table: (\S+) -->\n(.*?)<!-- end -->", re.DOTALL)
+PYTHON = re.compile(r"(<!-- run -->\n)?```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+TREE = re.compile(r"<!-- tree -->\n```\w*\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)[^)]*\)")
+#: A path from the root; a placeholder such as results/compare_<env>.json counts as its folder.
+PATH = re.compile(rf"(?<![\w./-])((?:{'|'.join((*PACKAGES, 'scripts', 'tests', 'results'))})/[\w./-]*)([<{{*]?)")
+
+
+def _script(name):
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+
+
+def test_every_table_is_marked_at_both_ends():
+    assert TABLE.findall(README), "README has no block between <!-- table: NAME --> and <!-- end -->"
+    assert README.count("<!-- table:") == README.count("<!-- end -->") == len(TABLE.findall(README))
+
+
+@pytest.mark.parametrize("name", [name for name, _ in TABLE.findall(README)])
+def test_tables_are_those_of_the_records(name):
+    record = ROOT / "results" / f"{name}.json"
+    assert record.exists(), f"README has a table of results/{name}.json, which does not exist"
+    block = next(found[0] for found in TABLE.finditer(README) if found[1] == name)
+    assert _script("render_readme").render(block) == block, "run python scripts/render_readme.py"
+
+
+# -- paths -------------------------------------------------------------------------------------------------------------
+
+
+def _targets():
+    return sorted({target.partition("#")[0] for target in LINK.findall(README)} - {""})
+
+
+@pytest.mark.parametrize("target", [t for t in _targets() if not re.match(r"[a-z]+:", t)])
+def test_links_lead_somewhere(target):
+    assert not PurePosixPath(target).is_absolute()
+    assert (ROOT / target).exists(), f"README links to {target}"
+
+
+def test_paths_in_the_text_exist():
+    named = set()
+    for path, placeholder in PATH.findall(README):
+        named.add(path.rpartition("/")[0] if placeholder else path.rstrip("."))
+    assert named
+    assert not sorted(path for path in named if not (ROOT / path).exists())
+
+
+# -- code --------------------------------------------------------------------------------------------------------------
+
+
+def test_all_code_is_python():
+    for _, code in PYTHON.findall(README):
+        ast.parse(code)
+
+
+def test_marked_code_runs(tmp_path):
+    """In order, in one namespace, in an empty folder; line numbers of errors are those of README."""
+    source = ""
+    for block in PYTHON.finditer(README):
+        if block[1]:
+            line = README.count("\n", 0, block.start(2))
+            source += "\n" * (line - source.count("\n")) + block[2]
+    assert source, "README has no block ```python after a line <!-- run -->"
+    environment = os.environ | {"MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
+    result = subprocess.run(
+        [sys.executable, "-c", source], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
+    )
+    assert result.returncode == 0, result.stderr[-3000:]
+
+
+# -- the tree ----------------------------------------------------------------------------------------------------------
+
+
+def _tree():
+    """Paths of the tree, folders with a slash at the end."""
+    block = TREE.search(README)
+    assert block, "README has no code block after a line <!-- tree -->"
+    paths, folders = [], []
+    for line in block[1].splitlines():
+        if not line.strip():
+            continue
+        depth, odd = divmod(len(line) - len(line.lstrip(" ")), 2)
+        name = line.split()[0]
+        assert not odd, f"two spaces a level are expected, got {line!r}"
+        assert depth <= len(folders), f"no folder is above {line!r}"
+        del folders[depth:]
+        paths.append("".join(folders) + name)
+        if name.endswith("/"):
+            folders.append(name)
+    return paths
+
+
+def test_the_tree_names_every_module_and_nothing_else():
+    named = _tree()
+    assert len(set(named)) == len(named)
+    there = {path.relative_to(ROOT).as_posix() for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
+    # A package may be named by its folder alone.
+    packages = {path for path in there if path.endswith("/__init__.py") and path.removesuffix("__init__.py") in named}
+    modules = {path for path in named if path.endswith(".py") and path.partition("/")[0] in PACKAGES}
+    assert sorted(there - packages - modules) == [], "modules without a line in the tree"
+    assert sorted(modules - there) == [], "lines of the tree without a module"
+
+
+def test_everything_else_in_the_tree_exists():
+    for path in _tree():
+        assert (ROOT / path).is_dir() if path.endswith("/") else (ROOT / path).is_file(), path
