@@ -143,7 +143,7 @@ def test_riccati_is_the_optimum_of_the_finite_horizon_problem():
     """One-row oracle: minimise Σ δxᵀQδx + δuᵀRδu + δx_TᵀPδx_T as a dense least-squares problem."""
     plan, contexts = random_plan(PENDULUM, 1, seed=5)
     reference = Resampler(PENDULUM, DT)(plan, contexts)
-    regulator = Regulator(PENDULUM, DT)
+    regulator = Regulator(PENDULUM, DT, TrackingWeights(np.array([4.0, 9.0]), np.array([0.1])))
     ticks = int(reference.ticks[0])
     gains = regulator.along(reference.states, reference.controls, contexts, reference.ticks)
     rows = np.zeros((ticks, 0))
@@ -154,7 +154,7 @@ def test_riccati_is_the_optimum_of_the_finite_horizon_problem():
     for k in range(ticks):
         free, forced = a[k] @ free, a[k] @ forced
         forced[:, k] = b[k, :, 0]
-        weight = np.eye(2) if k < ticks - 1 else root
+        weight = np.diag([2.0, 3.0]) if k < ticks - 1 else root
         blocks.append(weight @ forced)
         targets.append(weight @ free)
     matrix = np.concatenate([*blocks, np.sqrt(0.1) * np.eye(ticks)])
@@ -180,7 +180,7 @@ def test_plans_of_different_lengths_do_not_touch_each_other():
 def test_a_goal_that_cannot_be_held_has_no_hold_gain():
     regulator = Regulator(WALLED_INTEGRATOR, DT)
     assert not regulator.hold.any()
-    np.testing.assert_array_equal(regulator.terminal, 10 * np.eye(2))
+    np.testing.assert_array_equal(regulator.terminal, 10 * np.diag(regulator.weights.state))
 
 
 @pytest.mark.parametrize("weights", [([1.0], [1.0]), ([1.0, 1.0], [1.0], np.eye(3)), ([1.0, 1.0], [1.0, 2.0])])
