@@ -17,252 +17,27 @@ import dataclasses
 import os
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass, field
-from functools import lru_cache
 from multiprocessing import connection, get_context, parent_process
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
-import cloudpickle
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
+from numpy.typing import ArrayLike
 from tqdm import tqdm
 
+from ocp_envs.chunks import DEFAULT, GenerationSettings, Task, solve_chunk
 from ocp_envs.database import Database, DatabaseError, Rows
-from ocp_envs.guesses import Kind, guesses
-from ocp_envs.nlp import SolverSettings, Status
+from ocp_envs.nlp import Status
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.solutions import Solutions, best_per_mode
+from ocp_envs.rounds import rounds, tasks
 from ocp_envs.solver import GuardedSolver
 from ocp_envs.system import Array
-from ocp_envs.trajectory import Trajectory
 
-_NEAREST_TARGET = -1
-#: A winding that failed from so many guesses is given up: most such goals are out of reach in the time allowed.
-_PATIENCE = 2
+__all__ = ["DEFAULT", "GenerationSettings", "generate"]
+
 #: Times each task in flight may lose its worker, without any chunk coming in between, before that is an error.
 _RETRIES = 3
-
-
-@dataclass(frozen=True)
-class GenerationSettings:
-    """How a database is made.
-
-    Args:
-        first: n₀, problems of the first round; at least one chunk.
-        starts: guesses for each winding in the first round.
-        neighbours: warm starts for each mode that is tried.
-        lookaround: neighbours whose modes are considered.
-        margin: a neighbour's mode is tried if it costs at most this share more than the neighbour's best.
-        cold: guesses for each winding in later rounds, beside the warm starts.
-        chunk: problems of a task.
-        solver: settings of the solves.
-    """
-
-    first: int = 200
-    starts: int = 8
-    neighbours: int = 2
-    lookaround: int = 8
-    margin: float = 0.3
-    cold: int = 0
-    chunk: int = 100
-    solver: SolverSettings = field(default_factory=SolverSettings)
-
-    def __post_init__(self) -> None:
-        least = {"first": 1, "starts": 1, "neighbours": 1, "lookaround": 1, "cold": 0, "chunk": 1}
-        for name, value in least.items():
-            if getattr(self, name) < value:
-                raise ValueError(f"{name} must be at least {value}, got {getattr(self, name)}")
-        if not self.margin >= 0:
-            raise ValueError(f"margin must be at least 0, got {self.margin}")
-
-
-DEFAULT = GenerationSettings()
-
-
-@dataclass(frozen=True, eq=False)
-class Task:
-    """A chunk of problems.
-
-    Args:
-        chunk: its number.
-        problem: the problem, pickled by value.
-        settings: how.
-        seed: of the chunk's random guesses.
-        parameters: (B, np).
-        owner, z: row and flat guess of every warm start.
-        cold: random guesses for every winding.
-    """
-
-    chunk: int
-    problem: bytes
-    settings: GenerationSettings
-    seed: tuple[int, ...]
-    parameters: Array
-    owner: NDArray[np.int64]
-    z: NDArray[np.float32]
-    cold: int
-
-
-# -- in the worker -----------------------------------------------------------------------------------------------------
-
-
-@lru_cache(maxsize=2)
-def _worker(problem: bytes, settings: SolverSettings, process: int) -> tuple[OptimalControlProblem, GuardedSolver]:
-    loaded: OptimalControlProblem = cloudpickle.loads(problem)
-    return loaded, GuardedSolver(loaded, settings)
-
-
-def solve_chunk(task: Task) -> Rows:
-    """Solve all problems of ``task``, in a process that keeps one solver child of its own."""
-    problem, solver = _worker(task.problem, task.settings.solver, os.getpid())
-    owner, solutions = [], []
-    if len(task.owner):
-        guess = _start_from(problem, task.parameters[task.owner], task.z)
-        solutions.append(solver.solve(task.parameters[task.owner], guess, np.full(len(task.owner), _NEAREST_TARGET)))
-        owner.append(task.owner)
-    for rows, found in _multistart(problem, solver, task):
-        owner.append(rows)
-        solutions.append(found)
-    return _rows(problem, len(task.parameters), np.concatenate(owner), Solutions.concatenate(solutions))
-
-
-def _start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
-    """Neighbours' solutions as guesses; the first state is the problem's own."""
-    guess = Trajectory.from_flat(z, problem.knots, problem.system.nx, problem.system.nu)
-    guess.states[:, 0] = problem.start(parameters)[0]
-    return guess
-
-
-def _multistart(
-    problem: OptimalControlProblem, solver: GuardedSolver, task: Task
-) -> Iterator[tuple[NDArray[np.int64], Solutions]]:
-    """Row and solution of every random guess; windings that keep failing are given up."""
-    targets = len(problem.targets)
-    rows = np.repeat(np.arange(len(task.parameters)), targets)
-    windings = np.tile(np.arange(targets), len(task.parameters))
-    reached = np.zeros(len(rows), dtype=bool)
-    rng = np.random.default_rng(task.seed)
-    for attempt in range(task.cold):
-        kind: Kind = "line" if attempt == 0 else "drift"
-        guess = guesses(problem, task.parameters[rows], windings, rng, kind)
-        open_ = np.flatnonzero(reached | (attempt < _PATIENCE))
-        if not len(open_):
-            return
-        found = solver.solve(task.parameters[rows[open_]], guess[open_], windings[open_], persist=False)
-        reached[open_] |= found.solved
-        yield rows[open_], found
-
-
-def _rows(problem: OptimalControlProblem, size: int, owner: NDArray[np.int64], solutions: Solutions) -> Rows:
-    """What the solves of a chunk give its rows."""
-    order = np.argsort(owner, kind="stable")
-    groups = np.split(order, np.searchsorted(owner[order], np.arange(1, size)))
-    best = [best_per_mode(problem, solutions[group]) for group in groups]
-    slots = Solutions.concatenate(best)
-    shape = (size, len(problem.modes))
-    failed = ~solutions.solved
-    solved = slots.solved.reshape(shape).any(axis=1)
-    # A row without any solution ended as its first solve did.
-    first = np.array([solutions.status[group[0]] if len(group) else Status.EMPTY for group in groups], dtype=np.int8)
-
-    def count(weights: NDArray[Any]) -> NDArray[np.int32]:
-        return np.bincount(owner, weights, size).astype(np.int32)
-
-    return Rows(
-        status=np.where(solved, np.int8(Status.SOLVED), first),
-        slot_status=slots.status.reshape(shape),
-        cost=np.where(slots.solved, slots.cost, np.inf).reshape(shape),
-        z=slots.trajectory.flat().reshape(*shape, problem.flat_size),
-        multipliers=slots.multipliers.reshape(*shape, problem.knots, problem.n_clearances),
-        solves=count(np.ones(len(owner))),
-        failures=count(failed),
-        fallbacks=count(solutions.fallback),
-        iterations=count(solutions.iterations),
-    )
-
-
-# -- neighbours --------------------------------------------------------------------------------------------------------
-
-
-class _Library:
-    """The solutions of finished rounds, by nearest parameters.
-
-    Args:
-        problem: the problem.
-        parameters: (M, np) of the rows.
-        rows: what was found for them.
-    """
-
-    def __init__(self, problem: OptimalControlProblem, parameters: Array, rows: Rows) -> None:
-        self._width = problem.parameters.upper - problem.parameters.lower
-        self._cost = rows.cost
-        self._tree = cKDTree(parameters / self._width)
-        self._by_mode: dict[int, tuple[Any, NDArray[np.float32]]] = {}
-        for mode in range(rows.cost.shape[1]):
-            have = np.isfinite(rows.cost[:, mode])
-            if have.any():
-                tree = cKDTree(parameters[have] / self._width)
-                self._by_mode[mode] = (tree, rows.z[have, mode].astype(np.float32))
-
-    def warm_starts(
-        self, parameters: Array, settings: GenerationSettings
-    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-        """Row and flat guess of every warm start of ``parameters`` (B, np), ordered by row."""
-        scaled = parameters / self._width
-        look = range(1, min(settings.lookaround, len(self._cost)) + 1)
-        cost = self._cost[self._tree.query(scaled, k=look)[1]]
-        with np.errstate(invalid="ignore"):
-            near = cost <= (1 + settings.margin) * cost.min(axis=2, keepdims=True)
-        wanted = (near & np.isfinite(cost)).any(axis=1)
-        owner, guess = [], []
-        for mode, (tree, z) in self._by_mode.items():
-            rows = np.flatnonzero(wanted[:, mode])
-            nearest = tree.query(scaled[rows], k=range(1, min(settings.neighbours, len(z)) + 1))[1]
-            owner.append(np.repeat(rows, nearest.shape[1]))
-            guess.append(z[nearest.ravel()])
-        if not owner:
-            return np.empty(0, np.int64), np.empty((0, 0), np.float32)
-        every = np.concatenate(owner)
-        order = np.argsort(every, kind="stable")
-        return every[order], np.concatenate(guess)[order]
-
-
-def _rounds(database: Database, settings: GenerationSettings) -> list[range]:
-    """Chunks of every round: n₀, 2n₀, 4n₀ … problems, in whole chunks."""
-    size = max(1, -(-settings.first // settings.chunk))
-    rounds, begin = [], 0
-    while begin < database.chunks:
-        rounds.append(range(begin, min(begin + size, database.chunks)))
-        begin += size
-        size *= 2
-    return rounds
-
-
-def _tasks(database: Database, settings: GenerationSettings, seed: int, chunks: range) -> Iterator[Task]:
-    """The tasks of a round that are not done yet."""
-    problem = database.problem
-    payload = cloudpickle.dumps(problem)
-    present = database.present()
-    missing = [chunk for chunk in chunks if not present[chunk]]
-    library = None
-    if missing and chunks.start > 0:
-        earlier = slice(0, database.stored_rows(chunks.start).start)
-        library = _Library(problem, database.stored_parameters(earlier), database.stored(earlier))
-    for chunk in missing:
-        p = database.stored_parameters(database.stored_rows(chunk))
-        if library is None:
-            owner, z, cold = np.empty(0, np.int64), np.empty((0, problem.flat_size), np.float32), settings.starts
-        else:
-            owner, z = library.warm_starts(p, settings)
-            # Where no neighbour has a solution there is nothing to start from but guesses.
-            cold = settings.cold if len(np.unique(owner)) == len(p) else max(settings.cold, _PATIENCE)
-        yield Task(chunk, payload, settings, (seed, chunk), p, owner, z, cold)
-
-
-# -- the run -----------------------------------------------------------------------------------------------------------
 
 
 class _Pool:
@@ -417,8 +192,8 @@ def generate(
     with tqdm(total=len(p), initial=begun, unit="problem", desc=problem.id, disable=hidden) as bar:
         run = _Run(database, pool, bar)
         try:
-            for chunks in _rounds(database, settings):
-                run(_tasks(database, settings, seed, chunks))
+            for chunks in rounds(database, settings):
+                run(tasks(database, settings, seed, chunks))
         finally:
             pool.close()
     return database

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ocp_envs import generation
+from ocp_envs import chunks, generation
 from ocp_envs.compilation import CompiledNotAvailable
 from ocp_envs.database import Database, DatabaseError
 from ocp_envs.generation import GenerationSettings, generate
@@ -84,11 +84,12 @@ class Unguarded(Solver):
 
 @pytest.fixture
 def unguarded(monkeypatch):
-    monkeypatch.setattr(generation, "GuardedSolver", Unguarded)
-    generation._worker.cache_clear()
+    for module in (chunks, generation):
+        monkeypatch.setattr(module, "GuardedSolver", Unguarded)
+    chunks._worker.cache_clear()
     Unguarded.asked.clear()
     yield Unguarded
-    generation._worker.cache_clear()
+    chunks._worker.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -33,6 +33,8 @@ ORDER = (
     "ocp_envs.solutions",
     "ocp_envs.solver",
     "ocp_envs.database",
+    "ocp_envs.chunks",
+    "ocp_envs.rounds",
     "ocp_envs.generation",
     "ocp_envs.splits",
     "ocp_envs.reference",

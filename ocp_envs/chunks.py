@@ -1,0 +1,161 @@
+"""Chunks of problems, and how a worker solves one: warm starts first, then random guesses to every winding."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.database import Rows
+from ocp_envs.guesses import Kind, guesses
+from ocp_envs.nlp import SolverSettings, Status
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solutions import Solutions, best_per_mode
+from ocp_envs.solver import GuardedSolver
+from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
+
+_NEAREST_TARGET = -1
+#: A winding that failed from so many guesses is given up: most such goals are out of reach in the time allowed.
+PATIENCE = 2
+
+
+@dataclass(frozen=True)
+class GenerationSettings:
+    """How a database is made.
+
+    Args:
+        first: n₀, problems of the first round; at least one chunk.
+        starts: guesses for each winding in the first round.
+        neighbours: warm starts for each mode that is tried.
+        lookaround: neighbours whose modes are considered.
+        margin: a neighbour's mode is tried if it costs at most this share more than the neighbour's best.
+        cold: guesses for each winding in later rounds, beside the warm starts.
+        chunk: problems of a task.
+        solver: settings of the solves.
+    """
+
+    first: int = 200
+    starts: int = 8
+    neighbours: int = 2
+    lookaround: int = 8
+    margin: float = 0.3
+    cold: int = 0
+    chunk: int = 100
+    solver: SolverSettings = field(default_factory=SolverSettings)
+
+    def __post_init__(self) -> None:
+        least = {"first": 1, "starts": 1, "neighbours": 1, "lookaround": 1, "cold": 0, "chunk": 1}
+        for name, value in least.items():
+            if getattr(self, name) < value:
+                raise ValueError(f"{name} must be at least {value}, got {getattr(self, name)}")
+        if not self.margin >= 0:
+            raise ValueError(f"margin must be at least 0, got {self.margin}")
+
+
+DEFAULT = GenerationSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A chunk of problems.
+
+    Args:
+        chunk: its number.
+        problem: the problem, pickled by value.
+        settings: how.
+        seed: of the chunk's random guesses.
+        parameters: (B, np).
+        owner, z: row and flat guess of every warm start.
+        cold: random guesses for every winding.
+    """
+
+    chunk: int
+    problem: bytes
+    settings: GenerationSettings
+    seed: tuple[int, ...]
+    parameters: Array
+    owner: NDArray[np.int64]
+    z: NDArray[np.float32]
+    cold: int
+
+
+@lru_cache(maxsize=2)
+def _worker(problem: bytes, settings: SolverSettings, process: int) -> tuple[OptimalControlProblem, GuardedSolver]:
+    loaded: OptimalControlProblem = cloudpickle.loads(problem)
+    return loaded, GuardedSolver(loaded, settings)
+
+
+def solve_chunk(task: Task) -> Rows:
+    """Solve all problems of ``task``, in a process that keeps one solver child of its own."""
+    problem, solver = _worker(task.problem, task.settings.solver, os.getpid())
+    owner, solutions = [], []
+    if len(task.owner):
+        guess = _start_from(problem, task.parameters[task.owner], task.z)
+        solutions.append(solver.solve(task.parameters[task.owner], guess, np.full(len(task.owner), _NEAREST_TARGET)))
+        owner.append(task.owner)
+    for rows, found in _multistart(problem, solver, task):
+        owner.append(rows)
+        solutions.append(found)
+    return _rows(problem, len(task.parameters), np.concatenate(owner), Solutions.concatenate(solutions))
+
+
+def _start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
+    """Neighbours' solutions as guesses; the first state is the problem's own."""
+    guess = Trajectory.from_flat(z, problem.knots, problem.system.nx, problem.system.nu)
+    guess.states[:, 0] = problem.start(parameters)[0]
+    return guess
+
+
+def _multistart(
+    problem: OptimalControlProblem, solver: GuardedSolver, task: Task
+) -> Iterator[tuple[NDArray[np.int64], Solutions]]:
+    """Row and solution of every random guess; windings that keep failing are given up."""
+    targets = len(problem.targets)
+    rows = np.repeat(np.arange(len(task.parameters)), targets)
+    windings = np.tile(np.arange(targets), len(task.parameters))
+    reached = np.zeros(len(rows), dtype=bool)
+    rng = np.random.default_rng(task.seed)
+    for attempt in range(task.cold):
+        kind: Kind = "line" if attempt == 0 else "drift"
+        guess = guesses(problem, task.parameters[rows], windings, rng, kind)
+        open_ = np.flatnonzero(reached | (attempt < PATIENCE))
+        if not len(open_):
+            return
+        found = solver.solve(task.parameters[rows[open_]], guess[open_], windings[open_], persist=False)
+        reached[open_] |= found.solved
+        yield rows[open_], found
+
+
+def _rows(problem: OptimalControlProblem, size: int, owner: NDArray[np.int64], solutions: Solutions) -> Rows:
+    """What the solves of a chunk give its rows."""
+    order = np.argsort(owner, kind="stable")
+    groups = np.split(order, np.searchsorted(owner[order], np.arange(1, size)))
+    best = [best_per_mode(problem, solutions[group]) for group in groups]
+    slots = Solutions.concatenate(best)
+    shape = (size, len(problem.modes))
+    failed = ~solutions.solved
+    solved = slots.solved.reshape(shape).any(axis=1)
+    # A row without any solution ended as its first solve did.
+    first = np.array([solutions.status[group[0]] if len(group) else Status.EMPTY for group in groups], dtype=np.int8)
+
+    def count(weights: NDArray[Any]) -> NDArray[np.int32]:
+        return np.bincount(owner, weights, size).astype(np.int32)
+
+    return Rows(
+        status=np.where(solved, np.int8(Status.SOLVED), first),
+        slot_status=slots.status.reshape(shape),
+        cost=np.where(slots.solved, slots.cost, np.inf).reshape(shape),
+        z=slots.trajectory.flat().reshape(*shape, problem.flat_size),
+        multipliers=slots.multipliers.reshape(*shape, problem.knots, problem.n_clearances),
+        solves=count(np.ones(len(owner))),
+        failures=count(failed),
+        fallbacks=count(solutions.fallback),
+        iterations=count(solutions.iterations),
+    )

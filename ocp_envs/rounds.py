@@ -1,0 +1,91 @@
+"""Rounds: which chunks belong together, and what the earlier ones give a later one to start from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import cloudpickle
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ocp_envs.chunks import PATIENCE, GenerationSettings, Task
+from ocp_envs.database import Database, Rows
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.system import Array
+
+
+class Library:
+    """The solutions of finished rounds, by nearest parameters.
+
+    Args:
+        problem: the problem.
+        parameters: (M, np) of the rows.
+        rows: what was found for them.
+    """
+
+    def __init__(self, problem: OptimalControlProblem, parameters: Array, rows: Rows) -> None:
+        self._width = problem.parameters.upper - problem.parameters.lower
+        self._cost = rows.cost
+        self._tree = cKDTree(parameters / self._width)
+        self._by_mode: dict[int, tuple[Any, NDArray[np.float32]]] = {}
+        for mode in range(rows.cost.shape[1]):
+            have = np.isfinite(rows.cost[:, mode])
+            if have.any():
+                tree = cKDTree(parameters[have] / self._width)
+                self._by_mode[mode] = (tree, rows.z[have, mode].astype(np.float32))
+
+    def warm_starts(
+        self, parameters: Array, settings: GenerationSettings
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Row and flat guess of every warm start of ``parameters`` (B, np), ordered by row."""
+        scaled = parameters / self._width
+        look = range(1, min(settings.lookaround, len(self._cost)) + 1)
+        cost = self._cost[self._tree.query(scaled, k=look)[1]]
+        with np.errstate(invalid="ignore"):
+            near = cost <= (1 + settings.margin) * cost.min(axis=2, keepdims=True)
+        wanted = (near & np.isfinite(cost)).any(axis=1)
+        owner, guess = [], []
+        for mode, (tree, z) in self._by_mode.items():
+            rows = np.flatnonzero(wanted[:, mode])
+            nearest = tree.query(scaled[rows], k=range(1, min(settings.neighbours, len(z)) + 1))[1]
+            owner.append(np.repeat(rows, nearest.shape[1]))
+            guess.append(z[nearest.ravel()])
+        if not owner:
+            return np.empty(0, np.int64), np.empty((0, 0), np.float32)
+        every = np.concatenate(owner)
+        order = np.argsort(every, kind="stable")
+        return every[order], np.concatenate(guess)[order]
+
+
+def rounds(database: Database, settings: GenerationSettings) -> list[range]:
+    """Chunks of every round: n₀, 2n₀, 4n₀ … problems, in whole chunks."""
+    size = max(1, -(-settings.first // settings.chunk))
+    rounds, begin = [], 0
+    while begin < database.chunks:
+        rounds.append(range(begin, min(begin + size, database.chunks)))
+        begin += size
+        size *= 2
+    return rounds
+
+
+def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: range) -> Iterator[Task]:
+    """The tasks of a round that are not done yet."""
+    problem = database.problem
+    payload = cloudpickle.dumps(problem)
+    present = database.present()
+    missing = [chunk for chunk in chunks if not present[chunk]]
+    library = None
+    if missing and chunks.start > 0:
+        earlier = slice(0, database.stored_rows(chunks.start).start)
+        library = Library(problem, database.stored_parameters(earlier), database.stored(earlier))
+    for chunk in missing:
+        p = database.stored_parameters(database.stored_rows(chunk))
+        if library is None:
+            owner, z, cold = np.empty(0, np.int64), np.empty((0, problem.flat_size), np.float32), settings.starts
+        else:
+            owner, z = library.warm_starts(p, settings)
+            # Where no neighbour has a solution there is nothing to start from but guesses.
+            cold = settings.cold if len(np.unique(owner)) == len(p) else max(settings.cold, PATIENCE)
+        yield Task(chunk, payload, settings, (seed, chunk), p, owner, z, cold)
