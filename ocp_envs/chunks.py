@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -86,15 +87,17 @@ class Task:
     cold: int
 
 
-@lru_cache(maxsize=2)
-def _worker(problem: bytes, settings: SolverSettings, process: int) -> tuple[OptimalControlProblem, GuardedSolver]:
+@lru_cache(maxsize=max(2, os.cpu_count() or 1))
+def _worker(
+    problem: bytes, settings: SolverSettings, process: int, thread: int
+) -> tuple[OptimalControlProblem, GuardedSolver]:
     loaded: OptimalControlProblem = cloudpickle.loads(problem)
     return loaded, GuardedSolver(loaded, settings)
 
 
 def solve_chunk(task: Task) -> Rows:
-    """Solve all problems of ``task``, in a process that keeps one solver child of its own."""
-    problem, solver = _worker(task.problem, task.settings.solver, os.getpid())
+    """Solve all problems of ``task``, in a process that keeps one solver child for each thread that solves."""
+    problem, solver = _worker(task.problem, task.settings.solver, os.getpid(), threading.get_ident())
     owner, solutions = [], []
     if len(task.owner):
         guess = _start_from(problem, task.parameters[task.owner], task.z)

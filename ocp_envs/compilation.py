@@ -71,7 +71,7 @@ def find_compiler() -> str | None:
 
 @cache
 def _compiler_version(compiler: str) -> str:
-    return subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
+    return subprocess.run([compiler, "--version"], capture_output=True, check=True).stdout.decode(errors="replace")
 
 
 @cache

@@ -122,15 +122,19 @@ class Guard:
             RuntimeError: the child cannot be started.
         """
         done = 0
-        while done < len(tasks):
-            try:
-                for result in self._stream(tasks, done):
+        try:
+            while done < len(tasks):
+                try:
+                    for result in self._stream(tasks, done):
+                        done += 1
+                        yield result
+                except (_Silent, _Gone):
+                    self._replace()
+                    yield self._rescue(tasks[done])
                     done += 1
-                    yield result
-            except (_Silent, _Gone):
-                self._replace()
-                yield self._rescue(tasks[done])
-                done += 1
+        finally:
+            if done < len(tasks):
+                self.close()  # interrupted: answers still to come would be taken for those of later tasks
 
     def close(self) -> None:
         """End the child; the next task starts another."""

@@ -61,7 +61,7 @@ class Solutions:
         return self.status == Status.SOLVED
 
     def _blank(self, rows: NDArray[np.bool_]) -> None:
-        """Remove what a solve that failed left behind; only before anybody else sees these arrays."""
+        """Remove the solutions of ``rows``; only before anybody else sees these arrays."""
         for values in (self.trajectory.states, self.trajectory.controls, self.trajectory.duration, self.multipliers):
             values[rows] = np.nan
         self.cost[rows] = np.inf
@@ -137,13 +137,7 @@ def _with_empty(solutions: Solutions, rows: NDArray[np.int64]) -> Solutions:
     """The given rows; where a row is −1, an EMPTY one."""
     chosen = solutions[rows]
     empty = rows < 0
-    for values in (
-        chosen.trajectory.states,
-        chosen.trajectory.controls,
-        chosen.trajectory.duration,
-        chosen.multipliers,
-    ):
-        values[empty] = np.nan
+    chosen._blank(empty)
     chosen.status[empty] = Status.EMPTY
     chosen.iterations[empty], chosen.fallback[empty], chosen.seconds[empty] = 0, False, 0.0
     return chosen

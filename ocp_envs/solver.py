@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -148,7 +149,7 @@ class Solution:
 
 
 @lru_cache(maxsize=4)
-def _shared_solver(problem: OptimalControlProblem, process: int) -> GuardedSolver:
+def _shared_solver(problem: OptimalControlProblem, process: int, thread: int) -> GuardedSolver:
     return GuardedSolver(problem)
 
 
@@ -176,8 +177,8 @@ def solve(
     repeated = np.repeat(parameters, count, axis=0)
     kinds: list[Kind] = ["line", *["drift"] * (starts - 1)]  # type: ignore[list-item]
     tried = [guesses(problem, repeated, windings, rng, kind) for kind in kinds]
-    # A forked process must not talk to its parent's child.
-    solver = _shared_solver(problem, os.getpid())
+    # A forked process must not talk to its parent's child, nor a thread to another thread's.
+    solver = _shared_solver(problem, os.getpid(), threading.get_ident())
     solutions = solver.solve(
         np.tile(repeated, (starts, 1)), Trajectory.concatenate(tried), np.tile(windings, starts), persist=False
     )

@@ -85,6 +85,15 @@ def test_a_compiler_that_fails_is_no_compiler(monkeypatch, tmp_path):
         assert solve(Solver(DOUBLE_INTEGRATOR)).solved.all()
 
 
+def test_a_compiler_that_cannot_tell_its_version_is_no_compiler(monkeypatch, tmp_path):
+    broken = tmp_path / "cc"
+    broken.write_text("#!/bin/sh\necho 'no developer tools' >&2\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("CC", str(broken))
+    with pytest.warns(CompiledNotAvailable, match="no developer tools"):
+        assert solve(Solver(DOUBLE_INTEGRATOR)).solved.all()
+
+
 @needs_compiler
 def test_a_library_that_does_not_load_is_replaced(folder):
     program = transcribe(DOUBLE_INTEGRATOR).nlp

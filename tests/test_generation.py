@@ -160,8 +160,9 @@ def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monke
 # -- interruptions and workers -----------------------------------------------------------------------------------------
 
 
-def test_arrays_do_not_depend_on_the_workers(whole, tmp_path):
-    with ThreadPoolExecutor(1) as executor:
+@pytest.mark.parametrize("threads", [1, 3])
+def test_arrays_do_not_depend_on_the_workers(whole, tmp_path, threads):
+    with ThreadPoolExecutor(threads) as executor:
         arguments = {"seed": 3, "settings": SMALL, "executor": executor}
         other = generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, COUNT), **arguments)
     assert other.digest() == whole.digest()

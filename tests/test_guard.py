@@ -10,6 +10,7 @@ import pytest
 
 from ocp_envs.compilation import CompiledNotAvailable
 from ocp_envs.nlp import NlpSolver
+from ocp_envs.solutions import make_tasks
 from ocp_envs.solver import GuardedSolver, Solver, SolverSettings, Status, guesses
 from tests.problems import DOUBLE_INTEGRATOR
 
@@ -89,6 +90,17 @@ def test_a_child_killed_from_outside_is_replaced():
         found = solver.solve(*arguments([1.0, 2.0]))
         assert solver.restarts == 1
     assert found.solved.all()
+
+
+def test_an_interrupted_batch_leaves_nothing_to_the_next():
+    with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
+        p, guess, windings = arguments(np.linspace(1, 4, 6))
+        tasks = make_tasks(DOUBLE_INTEGRATOR, solver._transcription, p, guess, windings)
+        next(interrupted := solver._guard.solve(tasks))
+        interrupted.close()  # as an exception in the caller does
+        found = solver.solve(*arguments([0.5, 1.5]))
+    assert found.solved.all()
+    assert found.cost[0] < found.cost[1]
 
 
 def test_warnings_of_the_child_reach_the_parent():

@@ -9,7 +9,7 @@ from ocp_envs.nlp import Outcome
 from ocp_envs.problem import Goal, OptimalControlProblem, OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
-from ocp_envs.solver import Solver, SolverSettings, Status, guesses, solve, verify
+from ocp_envs.solver import Solver, SolverSettings, Status, best_per_mode, guesses, solve, verify
 from ocp_envs.system import Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory
 from tests.problems import DOUBLE_INTEGRATOR
@@ -313,6 +313,14 @@ def test_solve_finds_every_mode():
     assert (solution.modes.status == Status.SOLVED).all()
     np.testing.assert_allclose(solution.modes.trajectory.states[:, -1], PENDULUM.targets, atol=1e-4)
     assert verify(PENDULUM, solution.parameters[None], solution.trajectory).passed[0]
+
+
+def test_a_mode_that_was_not_found_is_empty(pendulum):
+    found = pendulum.solve(*line(PENDULUM, [[np.pi - 0.5, 0.0]] * 2, 1))
+    best = best_per_mode(PENDULUM, found)
+    np.testing.assert_array_equal(best.status, [Status.EMPTY, Status.SOLVED, Status.EMPTY])
+    np.testing.assert_array_equal(np.isfinite(best.cost), best.solved)
+    np.testing.assert_array_equal(best.trajectory.finite, best.solved)
 
 
 def test_solve_refuses_bad_parameters():
