@@ -108,7 +108,10 @@ def run(
         row[size] = getattr(contestant.actor, size, None)
     if isinstance(planner, NetworkPlanner):
         row["test_error"] = planner.details["training"]["test_error"]
-        row["validation_error"] = None if optimal is None else validation_error(planner, starts, optimal)
+        row["validation_error"] = None
+        if optimal is not None and optimal.finite.any():
+            known = optimal.finite
+            row["validation_error"] = validation_error(planner, starts[known], optimal[known])
     return row, episodes
 
 

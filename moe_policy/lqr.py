@@ -39,8 +39,8 @@ class TrackingWeights:
         terminal: weight of the error at the end of a plan, (nx, nx); by default the solution of the algebraic Riccati
             equation at the goal, which is what the hold costs from there, and 10 Q where the goal cannot be held.
 
-    Chosen on the pendulum's development set, where softer weights and a heavier end bring fewer mixtures' plans into the
-    goal ball before the hold, and stiffer weights hardly more. Exact plans end within 1e-4 with all of them.
+    Chosen on the pendulum's development set, where softer weights and a heavier end bring fewer mixtures' plans into
+    the goal ball before the hold, and stiffer weights hardly more. Exact plans end within 1e-4 with all of them.
     """
 
     state: Array

@@ -44,7 +44,8 @@ class Library:
         look = range(1, min(settings.lookaround, len(self._cost)) + 1)
         cost = self._cost[self._tree.query(scaled, k=look)[1]]
         with np.errstate(invalid="ignore"):
-            near = cost <= (1 + settings.margin) * cost.min(axis=2, keepdims=True)
+            best = cost.min(axis=2, keepdims=True)
+            near = cost <= best + settings.margin * np.abs(best)
         wanted = (near & np.isfinite(cost)).any(axis=1)
         owner, guess = [], []
         for mode, (tree, z) in self._by_mode.items():
