@@ -19,7 +19,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -40,6 +40,8 @@ FORMAT = "ocp-moe database"
 VERSION = 1
 #: Status of a row that is not there yet.
 MISSING = -1
+#: Rows of all modes that are held in memory at once.
+_BLOCK = 5_000
 _COUNTS = ("solves", "failures", "fallbacks", "iterations")
 
 
@@ -93,11 +95,6 @@ class Rows:
     failures: NDArray[np.int32]
     fallbacks: NDArray[np.int32]
     iterations: NDArray[np.int32]
-
-    @property
-    def winner(self) -> NDArray[np.int64]:
-        """The cheapest mode of each problem, (B,); meaningless where none was found."""
-        return np.asarray(self.cost.argmin(axis=1), dtype=np.int64)
 
 
 class Database:
@@ -280,29 +277,56 @@ class Database:
             raise DatabaseError(f"{self.path} is damaged: stored trajectories are missing; generate it anew")
         return found
 
+    def blocks(self, stop: int | None = None) -> Iterator[tuple[slice, Rows]]:
+        """Stored rows 0 … ``stop`` (all by default), a few thousand at a time: memory is bounded whatever the size."""
+        end = len(self) if stop is None else stop
+        step = self.chunk * max(1, _BLOCK // self.chunk)
+        for begin in range(0, end, step):
+            rows = slice(begin, min(begin + step, end))
+            yield rows, self.stored(rows)
+
+    def costs(self) -> Array:
+        """The best cost of every mode of every problem, (M, modes); +inf where none was found."""
+        return np.asarray(self._read("cost")[self._rank])
+
     def rows(self, indices: ArrayLike | None = None) -> Rows:
-        """Everything that is stored of the parameters ``indices``, all by default."""
-        everything = self.stored(slice(None))
+        """Everything that is stored of the parameters ``indices``, all by default: a copy of it all in memory."""
         chosen = self._rank if indices is None else self._rank[np.asarray(indices, dtype=np.int64)]
-        return Rows(**{name: getattr(everything, name)[chosen] for name in _layout(self.problem)})
+        parts: dict[str, list[NDArray[Any]]] = {name: [] for name in _layout(self.problem)}
+        place = []
+        for where, block in self.blocks():
+            wanted = np.flatnonzero((chosen >= where.start) & (chosen < where.stop))
+            place.append(wanted)
+            for name, part in parts.items():
+                part.append(getattr(block, name)[chosen[wanted] - where.start])
+        back = np.argsort(np.concatenate(place))
+        return Rows(**{name: np.concatenate(part)[back] for name, part in parts.items()})
 
     def samples(self, indices: ArrayLike | None = None) -> Samples:
-        """The best solution of every parameter in ``indices`` (all by default) that has one, in their order."""
-        index = np.arange(len(self)) if indices is None else np.asarray(indices, dtype=np.int64)
-        rows = self.rows(index)
-        solved = rows.status == Status.SOLVED
-        at = np.flatnonzero(solved)
-        mode = rows.winner[at]
-        system = self.problem.system
+        """The best solution of every parameter in ``indices`` (all by default) that has one, in their order.
+
+        Memory: the winners alone, and a few thousand rows of all modes while they are read.
+        """
+        wanted = np.arange(len(self)) if indices is None else np.asarray(indices, dtype=np.int64)
+        index = wanted[(self._read("status") == Status.SOLVED)[self._rank[wanted]]]
+        cost = self.costs()[index]
+        mode = np.asarray(cost.argmin(axis=1), dtype=np.int64)
+        problem, system, place = self.problem, self.problem.system, self._rank[index]
+        z = np.empty((len(index), problem.flat_size))
+        multipliers = np.empty((len(index), problem.knots, problem.n_clearances))
+        for where, block in self.blocks():
+            at = np.flatnonzero((place >= where.start) & (place < where.stop))
+            slot = place[at] - where.start, mode[at]
+            z[at], multipliers[at] = block.z[slot], block.multipliers[slot]
         return Samples(
-            problem=self.problem,
-            parameters=self.parameters[index[at]],
-            trajectory=Trajectory.from_flat(rows.z[at, mode], self.problem.knots, system.nx, system.nu),
-            cost=rows.cost[at, mode],
+            problem=problem,
+            parameters=self.parameters[index],
+            trajectory=Trajectory.from_flat(z, problem.knots, system.nx, system.nu),
+            cost=cost[np.arange(len(index)), mode],
             mode=mode,
-            multipliers=rows.multipliers[at, mode],
-            mode_costs=rows.cost[at],
-            index=index[at],
+            multipliers=multipliers,
+            mode_costs=cost,
+            index=index,
         )
 
     def totals(self) -> dict[str, int]:
@@ -315,8 +339,11 @@ class Database:
     def digest(self) -> str:
         """A hash of all arrays: equal for equal databases."""
         sha = hashlib.sha256()
-        for name in ("parameters", "order", *sorted(_layout(self.problem))):
-            sha.update(np.ascontiguousarray(self._read(name)).tobytes())
+        sha.update(np.ascontiguousarray(self.parameters).tobytes())
+        sha.update(np.ascontiguousarray(self._order).tobytes())
+        for name in sorted(_layout(self.problem)):
+            for begin in range(0, len(self), _BLOCK):
+                sha.update(np.ascontiguousarray(self._read(name, slice(begin, begin + _BLOCK))).tobytes())
         return sha.hexdigest()
 
 

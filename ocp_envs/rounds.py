@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ocp_envs.chunks import PATIENCE, GenerationSettings, Task
-from ocp_envs.database import Database, Rows
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.database import Database
 from ocp_envs.system import Array
 
 
@@ -20,21 +19,28 @@ class Library:
     """The solutions of finished rounds, by nearest parameters.
 
     Args:
-        problem: the problem.
-        parameters: (M, np) of the rows.
-        rows: what was found for them.
+        database: where they are.
+        count: how many of its stored rows belong to finished rounds.
     """
 
-    def __init__(self, problem: OptimalControlProblem, parameters: Array, rows: Rows) -> None:
-        self._width = problem.parameters.upper - problem.parameters.lower
-        self._cost = rows.cost
-        self._tree = cKDTree(parameters / self._width)
+    def __init__(self, database: Database, count: int) -> None:
+        box = database.problem.parameters
+        self._width = box.upper - box.lower
+        parameters = database.stored_parameters(slice(0, count)) / self._width
+        self._tree = cKDTree(parameters)
+        costs: list[Array] = []
+        found: dict[int, list[tuple[NDArray[np.int64], NDArray[np.float32]]]] = {}
+        for where, rows in database.blocks(count):
+            costs.append(rows.cost)
+            for mode in range(rows.cost.shape[1]):
+                have = np.flatnonzero(np.isfinite(rows.cost[:, mode]))
+                if len(have):
+                    found.setdefault(mode, []).append((have + where.start, rows.z[have, mode].astype(np.float32)))
+        self._cost = np.concatenate(costs)
         self._by_mode: dict[int, tuple[Any, NDArray[np.float32]]] = {}
-        for mode in range(rows.cost.shape[1]):
-            have = np.isfinite(rows.cost[:, mode])
-            if have.any():
-                tree = cKDTree(parameters[have] / self._width)
-                self._by_mode[mode] = (tree, rows.z[have, mode].astype(np.float32))
+        for mode in sorted(found):
+            at = np.concatenate([row for row, _ in found[mode]])
+            self._by_mode[mode] = (cKDTree(parameters[at]), np.concatenate([z for _, z in found.pop(mode)]))
 
     def warm_starts(
         self, parameters: Array, settings: GenerationSettings
@@ -79,8 +85,7 @@ def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: r
     missing = [chunk for chunk in chunks if not present[chunk]]
     library = None
     if missing and chunks.start > 0:
-        earlier = slice(0, database.stored_rows(chunks.start).start)
-        library = Library(problem, database.stored_parameters(earlier), database.stored(earlier))
+        library = Library(database, database.stored_rows(chunks.start).start)
     for chunk in missing:
         p = database.stored_parameters(database.stored_rows(chunk))
         if library is None:

@@ -107,7 +107,7 @@ def by_solve(problem: OptimalControlProblem, cases: Array) -> Array:
 
 def by_generate(problem: OptimalControlProblem, cases: Array) -> Array:
     with tempfile.TemporaryDirectory() as folder:
-        return ocp_envs.generate(problem, Path(folder) / "cases.zarr", cases).rows().cost.min(axis=1)
+        return ocp_envs.generate(problem, Path(folder) / "cases.zarr", cases).costs().min(axis=1)
 
 
 def compare(ours: Array, costs: Array, cases: Array, targets: Array) -> dict[str, Any]:
@@ -135,12 +135,16 @@ def compare(ours: Array, costs: Array, cases: Array, targets: Array) -> dict[str
 
 def check_database(database: Database) -> dict[str, int]:
     """The independent check of every trajectory of a database, winners and others."""
-    problem, rows = database.problem, database.rows()
-    row, mode = np.nonzero(np.isfinite(rows.cost))
+    problem = database.problem
     sizes = problem.knots, problem.system.nx, problem.system.nu
-    trajectory = Trajectory.from_flat(rows.z[row, mode], *sizes)
-    passed = verify(problem, database.parameters[row], trajectory, rows.cost[row, mode]).passed
-    return {"trajectories": len(row), "failing": int((~passed).sum()), **database.totals()}
+    trajectories = failing = 0
+    for where, rows in database.blocks():
+        row, mode = np.nonzero(np.isfinite(rows.cost))
+        trajectory = Trajectory.from_flat(rows.z[row, mode], *sizes)
+        parameters = database.stored_parameters(where)[row]
+        passed = verify(problem, parameters, trajectory, rows.cost[row, mode]).passed
+        trajectories, failing = trajectories + len(row), failing + int((~passed).sum())
+    return {"trajectories": trajectories, "failing": failing, **database.totals()}
 
 
 def main() -> None:

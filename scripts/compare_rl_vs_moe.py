@@ -106,7 +106,7 @@ def main() -> None:
     problem = ocp_envs.load(arguments.env)
     if arguments.train:
         nearest, contestants, validation = trained(problem, ROOT / "data" / "compare" / problem.id, arguments.seed)
-        parameters, costs = validation.parameters, validation.rows().cost.min(axis=1)
+        parameters, costs = validation.parameters, validation.costs().min(axis=1)
     else:
         nearest, contestants = shipped(problem)
         validation = reference.load(problem, "validation")

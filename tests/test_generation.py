@@ -117,10 +117,10 @@ def test_warm_starts_find_what_mirrored_problems_have(tmp_path, unguarded):
     p = sample(PENDULUM, 11, 60)
     mirrored = np.stack([2 * np.pi - p[:, 0], -p[:, 1]], axis=1)
     database = generate(PENDULUM, tmp_path / "d", np.concatenate([p, mirrored]), executor=InProcess(), settings=SMALL)
-    cost = database.rows().cost.min(axis=1)
+    cost = database.costs().min(axis=1)
     np.testing.assert_allclose(cost[:60], cost[60:], rtol=1e-3)
     modes = database.samples().mode
-    clear = np.sort(database.rows().cost, axis=1)
+    clear = np.sort(database.costs(), axis=1)
     clear = (clear[:, 1] > 1.001 * clear[:, 0])[:60]
     np.testing.assert_array_equal(modes[:60][clear], 2 - modes[60:][clear])
 

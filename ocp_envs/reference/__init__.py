@@ -64,8 +64,8 @@ def save(database: Database, split: str, folder: Path = FOLDER) -> Path:
     Raises:
         ReferenceDataError: a problem without a solution.
     """
-    rows = database.rows()
-    unsolved = int((~np.isfinite(rows.cost).any(axis=1)).sum())
+    costs = database.costs()
+    unsolved = int((~np.isfinite(costs).any(axis=1)).sum())
     if unsolved:
         raise ReferenceDataError(
             f"{database.path}: {unsolved} of {len(database)} problems have no solution to refer to"
@@ -77,7 +77,7 @@ def save(database: Database, split: str, folder: Path = FOLDER) -> Path:
         np.savez_compressed(
             file,
             parameters=database.parameters,
-            mode_costs=rows.cost,
+            mode_costs=costs,
             fingerprint=np.array(database.problem.fingerprint),
         )
     os.chmod(temporary, 0o644)
