@@ -185,6 +185,7 @@ def minimise(
     settings: TrainingSettings,
     generator: torch.Generator,
     settled: int = 0,
+    progress: bool | None = None,
 ) -> PartReport:
     """Minimise ``loss`` over ``parameters``, which hold the best weights afterwards.
 
@@ -198,6 +199,7 @@ def minimise(
         settings: epochs, patience and learning rate.
         generator: order of the minibatches.
         settled: first epoch whose weights may be kept, for a loss that changes before.
+        progress: show a bar; by default on a terminal.
 
     Raises:
         FloatingPointError: the loss is no longer finite.
@@ -210,7 +212,8 @@ def minimise(
     training_losses: list[float] = []
     test_losses: list[float] = []
     best_epoch, best = settled, [p.detach().clone() for p in parameters]
-    for epoch in tqdm(range(settings.epochs), desc=name, disable=None, leave=False):
+    hidden = None if progress is None else not progress
+    for epoch in tqdm(range(settings.epochs), desc=name, disable=hidden, leave=False):
         optimiser.param_groups[0]["lr"] = settings.rate(epoch)
         training_losses.append(_one_epoch(optimiser, loss, x, y, batch, epoch, generator))
         with torch.no_grad():

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
+from tqdm import tqdm
 
 from moe_policy.architectures import layer_sizes
 from moe_policy.clustering import Samples, SampleSource, samples_of
@@ -24,6 +27,94 @@ from ocp_envs.problem import OptimalControlProblem
 # mixture of one expert is the single network.
 GATE, FIRST = 0, 1
 _WEIGHTS, _ORDER = 0, 1
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The training of one network on its own, which any process can do.
+
+    Args:
+        name: of the part, for the record.
+        sizes: layer sizes.
+        stream: number of its random streams.
+        x: standardised p of its rows, float32.
+        y: wanted outputs of the rows: standardised flat trajectories, or classes (int64), which make it a gate.
+        split: which of the rows train and which test.
+        settings, seed: of the training.
+    """
+
+    name: str
+    sizes: tuple[int, ...]
+    stream: int
+    x: NDArray[np.float32]
+    y: NDArray[Any]
+    split: Split
+    settings: TrainingSettings
+    seed: int
+
+
+def train_part(part: Part, progress: bool | None = None) -> tuple[SingleNetwork, PartReport]:
+    """Train the network of ``part``; ``progress`` shows a bar, by default on a terminal."""
+    network = SingleNetwork(part.sizes, generator_for(part.seed, part.stream, _WEIGHTS))
+    x, y = torch.from_numpy(part.x), torch.from_numpy(part.y)
+    gate = not y.is_floating_point()
+    loss: Callable[[Tensor, Tensor], Tensor] = F.cross_entropy if gate else F.smooth_l1_loss
+    report = minimise(
+        list(network.parameters()),
+        lambda inputs, outputs, epoch: loss(network(inputs), outputs),
+        x,
+        y,
+        part.split,
+        name=part.name,
+        batch=part.settings.gate_batch if gate else part.settings.batch,
+        settings=part.settings,
+        generator=generator_for(part.seed, part.stream, _ORDER),
+        progress=progress,
+    )
+    if not gate:
+        return network, report
+    rows = part.split.test
+    with torch.inference_mode():
+        accuracy = float((network(x[rows]).argmax(dim=1) == y[rows]).double().mean())
+    return network, dataclasses.replace(report, accuracy=accuracy)
+
+
+def _in_worker(part: Part) -> tuple[dict[str, NDArray[Any]], PartReport]:
+    """:func:`train_part` with one thread and weights as arrays, which travel between processes."""
+    torch.set_num_threads(1)
+    network, report = train_part(part, progress=False)
+    return {key: value.numpy() for key, value in network.state_dict().items()}, report
+
+
+def train_parts(parts: Sequence[Part], executor: Executor | None = None) -> list[tuple[SingleNetwork, PartReport]]:
+    """Train all ``parts``, here one after the other or on an executor; the results are the same.
+
+    Args:
+        parts: what to train.
+        executor: any ``concurrent.futures`` executor of processes; ``None`` trains in this process.
+    """
+    if executor is None:
+        return [train_part(part) for part in parts]
+    # The largest first: the others fill the gaps.
+    order = sorted(range(len(parts)), key=lambda i: -len(parts[i].x) * sum(parts[i].sizes))
+    futures: dict[Future[tuple[dict[str, NDArray[Any]], PartReport]], int] = {}
+    for i in order:
+        futures[executor.submit(_in_worker, parts[i])] = i
+    trained: dict[int, tuple[SingleNetwork, PartReport]] = {}
+    for future in tqdm(as_completed(futures), total=len(parts), desc="networks", disable=None, leave=False):
+        i = futures[future]
+        weights, report = future.result()
+        network = SingleNetwork(parts[i].sizes)
+        network.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
+        trained[i] = network, report
+    return [trained[i] for i in range(len(parts))]
+
+
+def _rows(x: Tensor, y: Tensor, split: Split) -> tuple[NDArray[np.float32], NDArray[Any], Split]:
+    """The rows of a split alone, and the split of these rows."""
+    rows, place = np.unique(np.concatenate([split.training, split.test]), return_inverse=True)
+    cut = len(split.training)
+    return x[rows].numpy(), y[rows].numpy(), Split(place[:cut], place[cut:])
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,19 +163,16 @@ class Prepared:
         """The random order of minibatches."""
         return generator_for(self.seed, part, _ORDER)
 
-    def regress(self, network: SingleNetwork, split: Split, name: str, part: int) -> PartReport:
-        """Train ``network`` to predict the trajectories of ``split``."""
-        return minimise(
-            list(network.parameters()),
-            lambda x, y, epoch: F.smooth_l1_loss(network(x), y),
-            self.x,
-            self.y,
-            split,
-            name=name,
-            batch=self.settings.batch,
-            settings=self.settings,
-            generator=self.order(part),
-        )
+    def regressor(self, hidden: Sequence[int], split: Split, name: str, part: int) -> Part:
+        """The training of a network that predicts the trajectories of ``split``."""
+        sizes = layer_sizes(self.problem, tuple(hidden))
+        return Part(name, sizes, part, *_rows(self.x, self.y, split), self.settings, self.seed)
+
+    def classifier(self, hidden: Sequence[int], classes: NDArray[np.int64], count: int, name: str, part: int) -> Part:
+        """The training of a network that predicts which of ``count`` classes (M,) every p belongs to."""
+        sizes = layer_sizes(self.problem, tuple(hidden), count)
+        wanted = torch.from_numpy(np.array(classes))
+        return Part(name, sizes, part, *_rows(self.x, wanted, self.split), self.settings, self.seed)
 
     def planner(
         self,

@@ -14,11 +14,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike
 from torch.nn import functional as F
 
@@ -27,7 +27,7 @@ from moe_policy.clustering import Labels, Samples, SampleSource, samples_of
 from moe_policy.fitting import DEFAULT, PartReport, TrainingSettings, minimise
 from moe_policy.networks import ARGMAX, Argmax, Mixing, MixtureOfExperts, SingleNetwork, Softmax
 from moe_policy.planner import NetworkPlanner, Planner
-from moe_policy.preparation import FIRST, GATE, Prepared
+from moe_policy.preparation import FIRST, GATE, Prepared, train_part, train_parts
 from ocp_envs.trajectory import Trajectory
 
 
@@ -82,8 +82,8 @@ def fit_single(
     if sizes is not None and tuple(sizes) != layer_sizes(data.problem, hidden):
         first, last = layer_sizes(data.problem, ())
         raise ValueError(f"{data.problem.id} needs layer sizes ({first}, …, {last}), got {tuple(sizes)}")
-    network = data.network(hidden, FIRST)
-    return data.planner(name, network, ARGMAX, [data.regress(network, data.split, "single", FIRST)])
+    network, report = train_part(data.regressor(hidden, data.split, "single", FIRST))
+    return data.planner(name, network, ARGMAX, [report])
 
 
 def fit_mixture(
@@ -95,6 +95,7 @@ def fit_mixture(
     architecture: Architecture | None = None,
     mixing: Mixing = ARGMAX,
     name: str | None = None,
+    executor: Executor | None = None,
 ) -> NetworkPlanner:
     """Train the gate on the clusters and each expert on its own cluster (decoupled).
 
@@ -106,6 +107,8 @@ def fit_mixture(
         architecture: hidden layers; by default the problem's own.
         mixing: how the planner combines its experts; training does not depend on it.
         name: name of the planner; by default ``moe-<method>``, with the number of clusters for k-means.
+        executor: trains gate and experts side by side, such as a ``ProcessPoolExecutor``; the weights do not depend
+            on it. By default they are trained one after the other, in this process.
 
     Raises:
         ValueError: labels of other samples, a cluster without a training sample, or unusable samples.
@@ -114,16 +117,14 @@ def fit_mixture(
     if len(labels) != len(data.x):
         raise ValueError(f"got labels of {len(labels)} samples for {len(data.x)} samples; cluster this database")
     chosen = architecture or architecture_of(data.problem)
-    gate = data.network(chosen.gate, GATE, labels.k)
-    parts = [_fit_gate(data, gate, labels)]
-    experts = []
+    parts = [data.classifier(chosen.gate, labels.values, labels.k, "gate", GATE)]
     for i, size in enumerate(labels.sizes):
         split = data.split.within(labels.values == i)
         if len(split.training) == 0:
             raise ValueError(f"cluster {i} ({labels.names[i]}) of {size} has no training sample; use fewer clusters")
-        expert = data.network(chosen.expert(int(size), len(labels) / labels.k, labels.method), FIRST + i)
-        parts.append(data.regress(expert, split, f"expert {i}", FIRST + i))
-        experts.append(expert)
+        hidden = chosen.expert(int(size), len(labels) / labels.k, labels.method)
+        parts.append(data.regressor(hidden, split, f"expert {i}", FIRST + i))
+    (gate, *experts), reports = zip(*train_parts(parts, executor))
     clusters = {
         "method": labels.method,
         "names": list(labels.names),
@@ -131,26 +132,7 @@ def fit_mixture(
         "settings": dict(labels.settings),
     }
     default = f"moe-{labels.method}" + (f"-{labels.k}" if labels.method.startswith("kmeans") else "")
-    return data.planner(name or default, MixtureOfExperts(gate, experts), mixing, parts, clusters=clusters)
-
-
-def _fit_gate(data: Prepared, gate: SingleNetwork, labels: Labels) -> PartReport:
-    wanted = torch.from_numpy(np.array(labels.values))
-    report = minimise(
-        list(gate.parameters()),
-        lambda x, y, epoch: F.cross_entropy(gate(x), y),
-        data.x,
-        wanted,
-        data.split,
-        name="gate",
-        batch=data.settings.gate_batch,
-        settings=data.settings,
-        generator=data.order(GATE),
-    )
-    rows = data.split.test
-    with torch.inference_mode():
-        accuracy = float((gate(data.x[rows]).argmax(dim=1) == wanted[rows]).double().mean())
-    return dataclasses.replace(report, accuracy=accuracy)
+    return data.planner(name or default, MixtureOfExperts(gate, experts), mixing, reports, clusters=clusters)
 
 
 def _fit_whole(

@@ -35,21 +35,29 @@ class Split:
         return sample(problem, self.seed, self.size) if self.grid is None else grid(problem, self.grid)
 
 
+#: The vehicle's settings are chosen from scripts/benchmark_generation.py: on 2,000 problems a margin of 0.1 misses as many
+#: optima as 0.3 does (4) with two thirds of the solves, and three neighbours miss none.
 _TRAINING = {
     "PendulumSwingup-v0": Split(grid=(61, 21)),
-    "GroundVehicle-v0": Split(size=120_009, seed=10),
+    "GroundVehicle-v0": Split(size=120_009, seed=10, settings=GenerationSettings(margin=0.1)),
 }
 _OTHERS = {
     "development": Split(size=1_000, seed=101, settings=THOROUGH),
     "validation": Split(size=1_000, seed=202, settings=THOROUGH),
 }
-_LARGER = {"GroundVehicle-v0": {"validation": Split(size=10_000, seed=202, settings=THOROUGH)}}
+_VEHICLE = GenerationSettings(neighbours=3)
+_OF_THEIR_OWN = {
+    "GroundVehicle-v0": {
+        "development": Split(size=1_000, seed=101, settings=_VEHICLE),
+        "validation": Split(size=10_000, seed=202, settings=_VEHICLE),
+    }
+}
 
 
 def splits_of(problem: OptimalControlProblem) -> dict[str, Split]:
     """The splits of ``problem`` by name; a problem of one's own gets 10,000 random training parameters."""
     training = _TRAINING.get(problem.id, Split(size=10_000, seed=10))
-    return {"training": training, **_OTHERS, **_LARGER.get(problem.id, {})}
+    return {"training": training, **_OTHERS, **_OF_THEIR_OWN.get(problem.id, {})}
 
 
 def split_of(problem: OptimalControlProblem, name: str) -> Split:

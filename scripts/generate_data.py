@@ -1,7 +1,8 @@
 """Solve the training, development and validation problems of an environment into databases under ``data/<env-id>/``.
 
 Interrupted at any moment, the same command goes on where it stopped. ``--scheduler`` runs the solves on a Dask cluster;
-``--ship`` also writes the parameters and reference costs that the package carries.
+``--ship`` also writes the parameters and reference costs that the package carries, and what the generation took to
+``results/generation_<env-id>.json``.
 
     python scripts/generate_data.py
     python scripts/generate_data.py --env GroundVehicle-v0 --scheduler tcp://head-node:8786
@@ -10,16 +11,26 @@ Interrupted at any moment, the same command goes on where it stopped. ``--schedu
 from __future__ import annotations
 
 import argparse
+import json
+import os
+import resource
 import time
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 import ocp_envs
 from ocp_envs import reference
+from ocp_envs.database import Database
+from ocp_envs.records import provenance, write_json
 from ocp_envs.solver import GuardedSolver
 from ocp_envs.splits import split_of, splits_of
 
 ROOT = Path(__file__).resolve().parents[1]
+
+
+def read_record(path: Path) -> dict[str, Any]:
+    return json.loads(path.read_text()) if path.exists() else {}
 
 
 def cluster(address: str) -> Executor:
@@ -30,6 +41,15 @@ def cluster(address: str) -> Executor:
     return Client(address).get_executor()
 
 
+def peak_memory(workers: int) -> dict[str, float]:
+    """Largest memory so far in GB: of this process, of the largest of its descendants, and a bound of all together."""
+    own, largest = (
+        resource.getrusage(who).ru_maxrss / 2**20 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
+    # Every worker has a solver child.
+    return {"parent_gb": own, "largest_child_gb": largest, "bound_gb": own + 2 * workers * largest}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
@@ -38,6 +58,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, help="processes; one per core by default")
     parser.add_argument("--scheduler", help="address of a Dask scheduler, such as tcp://host:8786")
     parser.add_argument("--ship", action="store_true", help="write the package's reference files")
+    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the record")
     arguments = parser.parse_args()
 
     problem = ocp_envs.load(arguments.env)
@@ -47,11 +68,12 @@ def main() -> None:
         solver.start()
     print(f"solver functions ready after {time.perf_counter() - began:.1f} s")
     for name in arguments.splits or splits_of(problem):
-        split = split_of(problem, name)
+        split, path = split_of(problem, name), arguments.data / problem.id / f"{name}.zarr"
+        begun = Database.open(path, problem).totals()["problems"] if path.exists() else 0
         began = time.perf_counter()
         database = ocp_envs.generate(
             problem,
-            arguments.data / problem.id / f"{name}.zarr",
+            path,
             split.parameters(problem),
             executor=executor,
             workers=arguments.workers,
@@ -64,8 +86,22 @@ def main() -> None:
             f"{name}: {totals['solved']} of {totals['problems']} problems solved in {seconds:.1f} s; "
             f"{totals['solves']} solves, {totals['failures']} failed, {totals['fallbacks']} went to the second solver"
         )
-        if arguments.ship and name in reference.SHIPPED:
-            print(f"wrote {reference.save(database, name)}")
+        if arguments.ship:
+            if name in reference.SHIPPED:
+                print(f"wrote {reference.save(database, name)}")
+            workers = arguments.workers or os.cpu_count() or 1
+            record = read_record(arguments.results / f"generation_{problem.id}.json")
+            record[name] = totals | {
+                "seconds": seconds,
+                "problems_per_second": totals["problems"] / seconds,
+                "resumed_from": begun,
+                "workers": workers,
+                "settings": database.settings,
+                "digest": database.digest(),
+                "memory": peak_memory(workers),
+                "provenance": provenance(),
+            }
+            write_json(arguments.results / f"generation_{problem.id}.json", record)
 
 
 if __name__ == "__main__":

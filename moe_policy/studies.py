@@ -1,0 +1,111 @@
+"""What is trained and compared on each problem: planners, learners, training settings, and the paper's figures.
+
+The scripts take their lists from here, so that a model has one meaning everywhere. The paper is Tang & Hauser,
+*Discontinuity-Sensitive Optimal Control Learning by Mixture of Experts* (2019), tables I and II.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+from moe_policy.architectures import PENDULUM_ABLATION, Hidden
+from moe_policy.fitting import DEFAULT, TrainingSettings
+from moe_policy.learners import SHORT_SAC, PPOSettings, RLSettings, SACSettings
+from ocp_envs.problem import OptimalControlProblem
+
+
+@dataclass(frozen=True)
+class Published:
+    """The paper's figures of a model: validation error (raw smooth L1) and successes."""
+
+    validation_error: float
+    success: int
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is done with one problem.
+
+    Args:
+        compared: planners in the comparison with reinforcement learning.
+        models: all planners that are trained over several seeds.
+        settings: how they are trained.
+        published: the paper's figures, by planner.
+        sizes: numbers of training problems; the whole training set comes beside them.
+        sized: planners trained on each of ``sizes``.
+        ablation: test error of the paper's single networks by their hidden layers.
+        learners: how each reinforcement learner of the comparison is trained.
+        short_learners: the same for a comparison made anew within minutes.
+        paper_settings: planners that are also trained as the paper does.
+        stored: how many training problems the shipped nearest-neighbour planner keeps; all where ``None``.
+    """
+
+    compared: tuple[str, ...] = ("snn", "moe-custom")
+    models: tuple[str, ...] = ("snn", "moe-custom")
+    settings: TrainingSettings = DEFAULT
+    published: Mapping[str, Published] = field(default_factory=dict)
+    sizes: tuple[int, ...] = ()
+    sized: tuple[str, ...] = ()
+    ablation: Mapping[Hidden, float] = field(default_factory=dict)
+    learners: Mapping[str, RLSettings] = field(default_factory=dict)
+    short_learners: Mapping[str, RLSettings] = field(default_factory=dict)
+    paper_settings: tuple[str, ...] = ()
+    stored: int | None = None
+
+
+_PENDULUM = Study(
+    compared=("snn", "moe-custom", "moe-kmeans-4"),
+    models=(
+        "snn",
+        "moe-custom",
+        "moe-random",
+        "moe-kmeans-3",
+        "moe-kmeans-4",
+        "moe-kmeans-10",
+        "moe-retrained-argmax",
+        "moe-retrained-softmax-1",
+        "moe-retrained-softmax-0.1",
+        "moe-kmeans-pca-4",
+    ),
+    published={
+        "snn": Published(0.046, 717),
+        "moe-custom": Published(0.030, 998),
+        "moe-random": Published(0.035, 829),
+        "moe-kmeans-3": Published(0.039, 970),
+        "moe-kmeans-4": Published(0.029, 1000),
+        "moe-kmeans-10": Published(0.051, 1000),
+        "moe-retrained-argmax": Published(0.027, 941),
+        "moe-retrained-softmax-1": Published(0.028, 896),
+        "moe-retrained-softmax-0.1": Published(0.026, 969),
+    },
+    sizes=(80, 160, 320, 640),
+    sized=("snn", "moe-custom", "moe-kmeans-4"),
+    ablation=dict(zip(((300,), *PENDULUM_ABLATION), (0.058, 0.258, 0.170, 0.232))),
+    learners={"sac": SACSettings()},
+    short_learners={"sac": SHORT_SAC},
+    paper_settings=("snn", "moe-custom"),
+)
+
+_VEHICLE = Study(
+    compared=("snn", "moe-custom", "moe-kmeans-10"),
+    models=("snn", "moe-custom", "moe-kmeans-6", "moe-kmeans-10", "moe-kmeans-20"),
+    settings=TrainingSettings(epochs=200, batch=256, gate_batch=256, learning_rate=3e-3),
+    published={
+        "snn": Published(0.046, 6729),
+        "moe-custom": Published(0.019, 9975),
+        "moe-kmeans-6": Published(0.031, 9413),
+    },
+    sizes=(3_000, 10_000, 30_000),
+    sized=("snn", "moe-custom", "moe-kmeans-10"),
+    learners={"sac": SACSettings(), "ppo": PPOSettings()},
+    stored=10_000,
+)
+
+STUDIES: Mapping[str, Study] = MappingProxyType({"PendulumSwingup-v0": _PENDULUM, "GroundVehicle-v0": _VEHICLE})
+
+
+def study_of(problem: OptimalControlProblem) -> Study:
+    """The study of ``problem``; a problem of the user's own has a single network and a mixture over its modes."""
+    return STUDIES.get(problem.id, Study())
