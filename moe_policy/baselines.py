@@ -30,7 +30,7 @@ from moe_policy.actor import LearnedPolicy, read_policy
 from moe_policy.learners import SHORT_SAC, PPOSettings, RLSettings, SACSettings
 from moe_policy.rollout import rollout
 from moe_policy.tracking import Stabilised
-from moe_policy.wrappers import VectorFeatureObservation, VectorNormalisedAction
+from moe_policy.wrappers import VectorFeatureObservation, VectorNormalisedAction, VectorShapedReward
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.simulation import largest_cost_rate
 
@@ -93,13 +93,12 @@ class TrainingRun:
         }
 
 
-def training_env(problem: OptimalControlProblem, n_envs: int, period: float, **arguments: Any) -> SB3VecEnv:
+def training_env(problem: OptimalControlProblem, settings: RLSettings, **arguments: Any) -> SB3VecEnv:
     """The registered ``problem`` as the learner sees it: features, actions in [-1, 1], one decision a step.
 
     Args:
         problem: a problem that ``ocp_envs`` knows.
-        n_envs: episodes side by side.
-        period: seconds between two decisions.
+        settings: number of episodes side by side, seconds between two decisions, and what is done to rewards.
         arguments: further arguments of :class:`ocp_envs.Env`.
 
     Raises:
@@ -112,13 +111,14 @@ def training_env(problem: OptimalControlProblem, n_envs: int, period: float, **a
 
     envs: Any = gym.make_vec(
         problem.id,
-        num_envs=n_envs,
+        num_envs=settings.n_envs,
         vectorization_mode="vector_entry_point",
-        dt=period,
+        dt=settings.period,
         autoreset_mode="Disabled",
         **arguments,
     )
-    return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(envs)))
+    rewarded = VectorShapedReward(envs, settings.reward_scale, settings.shaping, settings.gamma)
+    return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(rewarded)))
 
 
 class _Judge:
@@ -169,7 +169,7 @@ def train(
     Raises:
         ImportError: Stable-Baselines3 is not installed.
     """
-    env = training_env(problem, settings.n_envs, settings.period)
+    env = training_env(problem, settings)
     learner, judge = settings.learner(env), _Judge(problem, development)
     started, run = time.perf_counter(), None
 

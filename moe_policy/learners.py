@@ -33,6 +33,9 @@ class RLSettings:
         final_learning_rate: at the last step.
         batch_size: samples of one gradient step.
         evaluate_every: steps between two evaluations on the development parameters.
+        reward_scale: factor of all rewards.
+        shaping: weight of the distance to the goal in a potential added to the rewards, 0 for none; see
+            :class:`moe_policy.wrappers.VectorShapedReward`.
         seed: of everything random in the training.
 
     Raises:
@@ -50,13 +53,18 @@ class RLSettings:
     final_learning_rate: float = 1e-4
     batch_size: int = 256
     evaluate_every: int = 10_000
+    reward_scale: float = 1.0
+    shaping: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "hidden", tuple(self.hidden))
-        for name in ("steps", "period", "n_envs", "learning_rate", "batch_size", "evaluate_every"):
+        positive = ("steps", "period", "n_envs", "learning_rate", "batch_size", "evaluate_every", "reward_scale")
+        for name in positive:
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if not self.shaping >= 0:
+            raise ValueError(f"shaping must be at least 0, got {self.shaping}")
         if not 0 < self.gamma <= 1:
             raise ValueError(f"gamma must be in (0, 1], got {self.gamma}")
         if not 0 <= self.final_learning_rate <= self.learning_rate:

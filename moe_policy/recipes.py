@@ -13,6 +13,7 @@ nearest                      the stored solution of the nearest stored parameter
 from __future__ import annotations
 
 import re
+from concurrent.futures import Executor
 
 from moe_policy.clustering import Samples, SampleSource, cluster
 from moe_policy.fitting import DEFAULT, TrainingSettings
@@ -34,7 +35,12 @@ FORMS = (
 
 
 def make(
-    name: str, database: Samples | SampleSource, *, settings: TrainingSettings = DEFAULT, seed: int = 0
+    name: str,
+    database: Samples | SampleSource,
+    *,
+    settings: TrainingSettings = DEFAULT,
+    seed: int = 0,
+    executor: Executor | None = None,
 ) -> NetworkPlanner | NearestPlanner:
     """Make the planner called ``name`` from a database.
 
@@ -43,6 +49,7 @@ def make(
         database: a Database or its samples.
         settings: how networks are trained.
         seed: of clustering and training.
+        executor: trains the networks of a mixture side by side.
 
     Raises:
         ValueError: no such recipe.
@@ -52,16 +59,16 @@ def make(
     if name == "snn":
         return fit_single(database, settings=settings, seed=seed)
     if name == "moe-custom":
-        return fit_mixture(database, cluster(database, "custom"), settings=settings, seed=seed)
+        return fit_mixture(database, cluster(database, "custom"), settings=settings, seed=seed, executor=executor)
     if found := re.fullmatch(r"moe-(kmeans|kmeans-pca)-(\d+)", name):
         components = PRINCIPAL_COMPONENTS if found[1] == "kmeans-pca" else None
         labels = cluster(database, found[1], k=int(found[2]), components=components, seed=seed)
-        return fit_mixture(database, labels, settings=settings, seed=seed)
+        return fit_mixture(database, labels, settings=settings, seed=seed, executor=executor)
     if name == "moe-random":
         return fit_mixture_jointly(database, cluster(database, "custom").k, settings=settings, seed=seed)
     if found := re.fullmatch(r"moe-retrained-(argmax|softmax-([\d.]+))", name):
         mixing: Mixing = Softmax(float(found[2])) if found[2] else ARGMAX
-        trained = make("moe-custom", database, settings=settings, seed=seed)
+        trained = make("moe-custom", database, settings=settings, seed=seed, executor=executor)
         assert isinstance(trained, NetworkPlanner)
         return retrain(trained, database, mixing, settings=settings, seed=seed)
     raise ValueError(f"no recipe for {name!r}; expected one of {', '.join(FORMS)}")

@@ -133,3 +133,41 @@ class VectorNormalisedAction(gym.vector.VectorActionWrapper[Any, Any, Any, Any])
     def actions(self, actions: Any) -> NDArray[np.float64]:
         """The controls (num_envs, nu) that actions (num_envs, nu) stand for."""
         return self._actions.controls(actions)
+
+
+class VectorShapedReward(gym.vector.VectorWrapper):
+    """Rewards scaled, and shaped with a potential that falls with the distance to the goal.
+
+    r' = k (r + γ Φ(x') − Φ(x)),   Φ(x) = −w · goal error of x,   Φ = 0 where the episode has terminated,
+
+    which changes no policy's rank (Ng, Harada & Russell, *Policy invariance under reward transformations*, 1999).
+
+    Args:
+        env: a vector environment of :mod:`ocp_envs` made with ``autoreset_mode="Disabled"``, wrapped or not.
+        scale: k > 0.
+        weight: w ≥ 0, in units of cost per unit of goal error; 0 leaves the rewards unshaped.
+        gamma: the learner's discount γ of one step.
+    """
+
+    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any], scale: float, weight: float, gamma: float) -> None:
+        super().__init__(env)
+        self._scale, self._weight, self._gamma = scale, weight, gamma
+        self._before = np.zeros(env.num_envs)
+
+    def _potential(self) -> NDArray[np.float64]:
+        base: Any = self.env.unwrapped
+        return np.asarray(-self._weight * base.problem.goal_error(base.state))
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """As the environment's own."""
+        started = self.env.reset(seed=seed, options=options)
+        self._before = self._potential()
+        return started
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """As the environment's own, with r' for r."""
+        observations, rewards, terminated, truncated, info = self.env.step(actions)
+        following = np.where(terminated, 0.0, self._potential())
+        gain = self._gamma * following - self._before
+        self._before = following
+        return observations, self._scale * (np.asarray(rewards) + gain), terminated, truncated, info

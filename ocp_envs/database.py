@@ -336,6 +336,14 @@ class Database:
         record = {"problems": int(there.sum()), "solved": int((status == Status.SOLVED).sum())}
         return record | {name: int(self._read(name)[there].sum()) for name in _COUNTS}
 
+    @property
+    def key(self) -> str:
+        """A hash of problem, settings and parameters: of all that decides what a finished database holds."""
+        record = [self.problem.fingerprint, self._group.attrs["settings"]]
+        sha = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
+        sha.update(np.ascontiguousarray(self.parameters).tobytes())
+        return sha.hexdigest()
+
     def digest(self) -> str:
         """A hash of all arrays: equal for equal databases."""
         sha = hashlib.sha256()

@@ -35,8 +35,8 @@ class Split:
         return sample(problem, self.seed, self.size) if self.grid is None else grid(problem, self.grid)
 
 
-#: The vehicle's settings are chosen from scripts/benchmark_generation.py: on 2,000 problems a margin of 0.1 misses as many
-#: optima as 0.3 does (4) with two thirds of the solves, and three neighbours miss none.
+#: The vehicle's settings are chosen from results/benchmark_generation_GroundVehicle-v0.json: on 2,000 problems a margin
+#: of 0.1 misses as many optima as 0.3 does with two thirds of the solves, and three neighbours miss none.
 _TRAINING = {
     "PendulumSwingup-v0": Split(grid=(61, 21)),
     "GroundVehicle-v0": Split(size=120_009, seed=10, settings=GenerationSettings(margin=0.1)),

@@ -86,9 +86,7 @@ def main() -> None:
     for name, record in table.items():
         record["missed"] = int((costs[name] > best * (1 + TOLERANCE)).sum())
         record["rate_to_default"] = record["problems_per_second"] / table["default"]["problems_per_second"]
-        print(
-            f"{name:40s} {record['solves_per_problem']:7.1f} {record['rate_to_default']:6.2f} {record['missed']:7d}"
-        )
+        print(f"{name:40s} {record['solves_per_problem']:7.1f} {record['rate_to_default']:6.2f} {record['missed']:7d}")
     record = {"problem": problem.id, "problems": len(p), "seed": SEED, "tolerance": TOLERANCE, "rows": table}
     write_json(arguments.results / f"benchmark_generation_{problem.id}.json", record | {"provenance": provenance()})
 

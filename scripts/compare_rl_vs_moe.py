@@ -10,12 +10,16 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from tqdm import tqdm
 
 import moe_policy
 import ocp_envs
@@ -25,14 +29,17 @@ from moe_policy.evaluation import time_planner
 from moe_policy.optimal import SolverPlanner
 from moe_policy.planner import NearestPlanner
 from moe_policy.reporting import comparison_figure, text_table
+from moe_policy.studies import study_of
 from ocp_envs import reference
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
 from ocp_envs.splits import split_of, splits_of
+from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
-PLANNERS = ("snn", "moe-custom", "moe-kmeans-4")
-LEARNERS = {"sac": baselines.SHORT_SAC}
+#: Starts of one share of the optimal planner's work.
+SHARE = 250
 
 
 def log(text: str) -> None:
@@ -49,13 +56,14 @@ def steps(count: int) -> str:
 
 def shipped(problem: OptimalControlProblem) -> tuple[NearestPlanner, list[Contestant]]:
     """The models of the package."""
+    study = study_of(problem)
     nearest = moe_policy.load(problem.id, "nearest")
     contestants = [Contestant("nearest", nearest, solutions(len(nearest.parameters)))]
-    for name in PLANNERS:
+    for name in study.compared:
         planner = moe_policy.load(problem.id, name)
         record = planner.details
         contestants.append(Contestant(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
-    for name in LEARNERS:
+    for name in study.learners:
         policy = moe_policy.load(problem.id, name)
         training = json.loads((ROOT / "results" / f"training_{name}_{problem.id}.json").read_text())
         contestants.append(Contestant(name, policy, steps(training["steps"]), training["seconds"]))
@@ -64,7 +72,7 @@ def shipped(problem: OptimalControlProblem) -> tuple[NearestPlanner, list[Contes
 
 def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[NearestPlanner, list[Contestant], Any]:
     """Everything made anew: data, planners and a reinforcement learner at a small budget."""
-    databases = {}
+    study, databases = study_of(problem), {}
     for name in splits_of(problem):
         split, began = split_of(problem, name), time.perf_counter()
         databases[name] = ocp_envs.generate(
@@ -78,18 +86,33 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
     samples = databases["training"].samples()
     nearest = NearestPlanner(samples)
     contestants = [Contestant("nearest", nearest, solutions(len(samples)))]
-    for name in PLANNERS:
-        planner: Any = recipes.make(name, samples, seed=seed)
+    for name in study.compared:
+        planner: Any = recipes.make(name, samples, settings=study.settings, seed=seed)
         planner.save(folder / name)
         seconds = planner.details["training"]["seconds"]
         log(f"{name}: trained in {seconds:.0f} s")
         contestants.append(Contestant(name, planner, solutions(len(samples)), seconds))
-    for name, settings in LEARNERS.items():
+    for name, settings in study.short_learners.items():
         result = baselines.train(problem, settings, databases["development"].parameters)
         result.policy.save(folder / name)
         log(f"{name}: {settings.steps:,} steps in {result.curve[-1].seconds:.0f} s")
         contestants.append(Contestant(name, result.policy, steps(settings.steps), result.curve[-1].seconds))
     return nearest, contestants, databases["validation"]
+
+
+def solve_all(problem: OptimalControlProblem, nearest: NearestPlanner, p: Array) -> tuple[Trajectory, Array]:
+    """Optimal trajectories and their costs, with a solver process for every core."""
+    local = threading.local()
+
+    def solve(begin: int) -> tuple[Trajectory, Array]:
+        if not hasattr(local, "planner"):
+            local.planner = SolverPlanner(problem, nearest)
+        return local.planner.best(p[begin : begin + SHARE])
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        shares = range(0, len(p), SHARE)
+        parts = list(tqdm(pool.map(solve, shares), total=len(shares), desc="optimal", disable=None, leave=False))
+    return Trajectory.concatenate([plan for plan, _ in parts]), np.concatenate([cost for _, cost in parts])
 
 
 def main() -> None:
@@ -114,11 +137,10 @@ def main() -> None:
     parameters, costs = parameters[: arguments.cases], costs[: arguments.cases]
     log(f"{len(parameters)} starts of {problem.id}")
 
+    trajectories, found = solve_all(problem, nearest, parameters)
     optimal = SolverPlanner(problem, nearest)
-    solving = time.perf_counter()
-    trajectories, found = optimal.best(parameters)
-    planning = {str(len(parameters)): (time.perf_counter() - solving) / len(parameters)}
-    planning |= {str(k): v for k, v in time_planner(optimal, parameters, (1,), repeats=20).items()}
+    timed = time_planner(optimal, parameters, (1,), repeats=20) | time_planner(optimal, parameters, (1000,), repeats=1)
+    planning = {str(batch): seconds for batch, seconds in timed.items()}
     gap = np.abs(found / costs - 1)
     same = int((gap < 1e-3).sum())
     log(f"optimal trajectories: {np.isfinite(found).sum()} solved; {same} at the reference cost within 0.1 %")
@@ -126,7 +148,9 @@ def main() -> None:
     row, baseline = run(problem, Contestant("optimal", lambda p: trajectories), parameters, batches=())
     row["planning_seconds"] = planning
     rows, outcomes = [row], [outcome("optimal", baseline, problem)]
-    for contestant in [*contestants, Contestant("stabiliser", moe_policy.Stabiliser(problem))]:
+    if problem.hold:
+        contestants.append(Contestant("stabiliser", moe_policy.Stabiliser(problem)))
+    for contestant in contestants:
         row, episodes = run(problem, contestant, parameters, optimal=trajectories, baseline=baseline)
         rows.append(row)
         outcomes.append(outcome(contestant.name, episodes, problem))

@@ -27,16 +27,18 @@ from tqdm import tqdm
 import ocp_envs
 from moe_policy.baselines import PPOSettings, RLSettings, SACSettings, TrainingRun, train
 from moe_policy.store import SHIPPED
+from moe_policy.studies import study_of
 from ocp_envs import reference
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
-ALGORITHMS: dict[str, type[RLSettings]] = {"sac": SACSettings, "ppo": PPOSettings}
+ALGORITHMS: dict[str, RLSettings] = {"sac": SACSettings(), "ppo": PPOSettings()}
 
 
-def override(algorithm: str, texts: list[str]) -> RLSettings:
-    """The settings of ``algorithm`` with ``name=value`` replaced."""
-    settings = ALGORITHMS[algorithm]
+def override(problem: OptimalControlProblem, algorithm: str, texts: list[str]) -> RLSettings:
+    """The settings of ``algorithm`` in the problem's study with ``name=value`` replaced."""
+    settings = study_of(problem).learners.get(algorithm) or ALGORITHMS[algorithm]
     names = {f.name for f in dataclasses.fields(settings)}
     values: dict[str, Any] = {}
     for text in texts:
@@ -47,7 +49,7 @@ def override(algorithm: str, texts: list[str]) -> RLSettings:
             values[name] = ast.literal_eval(value)
         except (ValueError, SyntaxError):
             values[name] = value
-    return settings(**values)
+    return dataclasses.replace(settings, **values)
 
 
 def read_search(path: Path) -> list[dict[str, Any]]:
@@ -74,7 +76,7 @@ def main() -> None:
     arguments = parse_arguments()
     torch.set_num_threads(1)  # the networks are far too small for more
     problem = ocp_envs.load(arguments.env_id)
-    settings = override(arguments.algorithm, arguments.set)
+    settings = override(problem, arguments.algorithm, arguments.set)
     name = f"{arguments.algorithm}_{problem.id}"
     development = reference.load(problem, "development").parameters
     judged_on = {"set": "development", "count": len(development)}

@@ -44,7 +44,7 @@ def observations(count, seed=0):
 
 @pytest.mark.parametrize("settings", [SAC, PPO], ids=["sac", "ppo"])
 def test_the_rebuilt_actor_does_what_stable_baselines_does(settings, tmp_path):
-    learner = settings.learner(training_env(PENDULUM, settings.n_envs, settings.period))
+    learner = settings.learner(training_env(PENDULUM, settings))
     learner.learn(settings.steps)
     policy = LearnedPolicy(PENDULUM, settings.actor(learner), period=0.1, algorithm=settings.algorithm)
     policy.save(tmp_path / "rl")

@@ -16,6 +16,7 @@ from moe_policy.wrappers import (
     NormalisedAction,
     VectorFeatureObservation,
     VectorNormalisedAction,
+    VectorShapedReward,
 )
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
@@ -197,3 +198,29 @@ def test_attributes_are_read_by_row_and_set_for_all():
 def test_an_environment_that_restarts_by_itself_is_refused():
     with pytest.raises(ValueError, match='autoreset_mode="Disabled"'):
         SB3VecEnv(gym.make_vec(ENV_ID, num_envs=2))
+
+
+def test_shaping_telescopes_and_scales():
+    """Undiscounted, shaped returns of episodes that end differ by the first potential alone."""
+    envs = gym.make_vec(
+        "GroundVehicle-v0",
+        num_envs=3,
+        vectorization_mode="vector_entry_point",
+        dt=0.1,
+        autoreset_mode="Disabled",
+        time_limit=1.0,
+    )
+    shaped = VectorShapedReward(envs, scale=0.5, weight=4.0, gamma=1.0)
+    p = np.array([[3.0, -4.0, 0.0, 0.0], [0.3, 0.0, 0.1, -0.5], [9.0, 9.0, 3.0, 3.0]])
+    shaped.reset(options={"parameters": p})
+    first = envs.unwrapped.problem.goal_error(envs.unwrapped.state)
+    np.testing.assert_allclose(first[0], 5.0)
+    total, cost, ended = np.zeros(3), np.zeros(3), np.zeros(3, bool)
+    for _ in range(10):
+        _, rewards, terminated, _, info = shaped.step(np.tile([0.1, 0.4], (3, 1)))
+        total += rewards
+        cost += info["cost"]
+        ended |= terminated
+    assert ended.tolist() == [False, True, False]  # the second enters the goal ball, where the potential is zero
+    last = np.where(ended, 0.0, envs.unwrapped.problem.goal_error(envs.unwrapped.state))
+    np.testing.assert_allclose(total, 0.5 * (-cost - 4.0 * last + 4.0 * first), rtol=1e-6)
