@@ -33,7 +33,8 @@ class Study:
         models: all planners that are trained over several seeds.
         settings: how they are trained.
         published: the paper's figures, by planner.
-        sizes: numbers of training problems; the whole training set comes beside them.
+        sizes: numbers of training problems, and the epochs of training on so many; the whole training set comes beside
+            them. Fewer problems get more epochs, though fewer gradient steps.
         sized: planners trained on each of ``sizes``.
         ablation: test error of the paper's single networks by their hidden layers.
         learners: how each reinforcement learner of the comparison is trained.
@@ -46,7 +47,7 @@ class Study:
     models: tuple[str, ...] = ("snn", "moe-custom")
     settings: TrainingSettings = DEFAULT
     published: Mapping[str, Published] = field(default_factory=dict)
-    sizes: tuple[int, ...] = ()
+    sizes: Mapping[int, int] = field(default_factory=dict)
     sized: tuple[str, ...] = ()
     ablation: Mapping[Hidden, float] = field(default_factory=dict)
     learners: Mapping[str, RLSettings] = field(default_factory=dict)
@@ -80,7 +81,7 @@ _PENDULUM = Study(
         "moe-retrained-softmax-1": Published(0.028, 896),
         "moe-retrained-softmax-0.1": Published(0.026, 969),
     },
-    sizes=(80, 160, 320, 640),
+    sizes={size: DEFAULT.epochs for size in (80, 160, 320, 640)},
     sized=("snn", "moe-custom", "moe-kmeans-4"),
     ablation=dict(zip(((300,), *PENDULUM_ABLATION), (0.058, 0.258, 0.170, 0.232))),
     learners={"sac": SACSettings()},
@@ -91,13 +92,13 @@ _PENDULUM = Study(
 _VEHICLE = Study(
     compared=("snn", "moe-custom", "moe-kmeans-10"),
     models=("snn", "moe-custom", "moe-kmeans-6", "moe-kmeans-10", "moe-kmeans-20"),
-    settings=TrainingSettings(epochs=200, batch=256, gate_batch=256, learning_rate=3e-3),
+    settings=TrainingSettings(epochs=100, learning_rate=3e-3),
     published={
         "snn": Published(0.046, 6729),
         "moe-custom": Published(0.019, 9975),
         "moe-kmeans-6": Published(0.031, 9413),
     },
-    sizes=(3_000, 10_000, 30_000),
+    sizes={3_000: 640, 10_000: 350, 30_000: 200},
     sized=("snn", "moe-custom", "moe-kmeans-10"),
     learners={"sac": SACSettings(), "ppo": PPOSettings()},
     stored=10_000,

@@ -6,7 +6,6 @@ import os
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any
 
 import cloudpickle
@@ -87,17 +86,27 @@ class Task:
     cold: int
 
 
-@lru_cache(maxsize=max(2, os.cpu_count() or 1))
-def _worker(
-    problem: bytes, settings: SolverSettings, process: int, thread: int
-) -> tuple[OptimalControlProblem, GuardedSolver]:
-    loaded: OptimalControlProblem = cloudpickle.loads(problem)
-    return loaded, GuardedSolver(loaded, settings)
+#: What each thread that solves keeps from task to task.
+_kept = threading.local()
+
+
+def _worker(payload: bytes, settings: SolverSettings) -> tuple[OptimalControlProblem, GuardedSolver]:
+    """The problem and this thread's solver child; one for another problem or other settings ends the one before."""
+    # By process: a forked process must neither talk to its parent's child nor end it.
+    kept: dict[int, tuple[tuple[bytes, SolverSettings], GuardedSolver]]
+    kept = _kept.__dict__.setdefault("solvers", {})
+    key, solver = kept.get(os.getpid(), (None, None))
+    if solver is None or key != (payload, settings):
+        if solver is not None:
+            solver.close()
+        solver = GuardedSolver(cloudpickle.loads(payload), settings)
+        kept[os.getpid()] = (payload, settings), solver
+    return solver.problem, solver
 
 
 def solve_chunk(task: Task) -> Rows:
     """Solve all problems of ``task``, in a process that keeps one solver child for each thread that solves."""
-    problem, solver = _worker(task.problem, task.settings.solver, os.getpid(), threading.get_ident())
+    problem, solver = _worker(task.problem, task.settings.solver)
     owner, solutions = [], []
     if len(task.owner):
         guess = _start_from(problem, task.parameters[task.owner], task.z)

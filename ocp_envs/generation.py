@@ -7,22 +7,25 @@ the nearest neighbours that have it (Tang & Hauser, section III-B, after Tang, S
 So what is solved depends on the problem, the settings and the seed alone, and not on the number of workers or on
 interruptions.
 
-A task is a chunk of problems with their guesses. Only the calling process writes; a killed worker costs its chunk, a
-killed parent the chunks in flight, and the same call again goes on from there.
+A task is a chunk of problems with their guesses. Only the calling process writes, and only one at a time may; a killed
+worker costs its chunk, a killed parent the chunks in flight, and the same call again goes on from there.
 """
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
+import shutil
+import time
+import warnings
 from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
-from multiprocessing import connection, get_context, parent_process
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import numpy as np
+from filelock import FileLock, Timeout
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
@@ -33,59 +36,59 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.rounds import rounds, tasks
 from ocp_envs.solver import GuardedSolver
 from ocp_envs.system import Array
+from ocp_envs.workers import WorkerLostError, WorkerPool
 
 __all__ = ["DEFAULT", "GenerationSettings", "generate"]
 
 #: Times each task in flight may lose its worker, without any chunk coming in between, before that is an error.
 _RETRIES = 3
+#: Seconds between looks at a cluster's size: workers may join and leave, and the scheduler may go.
+_LOOK = 5.0
 
 
 class _Pool:
-    """Runs tasks on the caller's executor, or on a process pool of its own that it rebuilds when that breaks."""
+    """Runs tasks in worker processes of its own, or on the caller's executor."""
 
     def __init__(self, executor: Executor | None, workers: int | None) -> None:
-        self._own = executor is None
-        self._workers = workers or os.cpu_count() or 1
-        self._executor = executor or self._new()
-        self.in_flight = 2 * (self._workers if executor is None else _width_of(executor))
-
-    def _new(self) -> Executor:
-        # Spawned, not forked: a fork copies threads' locks and the parent's solver child.
-        return ProcessPoolExecutor(self._workers, mp_context=get_context("spawn"), initializer=_end_with_parent)
+        self._own = WorkerPool(workers or os.cpu_count() or 1) if executor is None else None
+        self._executor: Any = executor or self._own
+        dask = type(executor).__module__.partition(".")[0] == "distributed"
+        self._client: Any = getattr(executor, "_client", None) if dask else None
+        self._width = workers if executor is None else getattr(executor, "_max_workers", None)
+        self._looked = -np.inf
 
     def submit(self, task: Task) -> Future[Rows]:
-        return self._executor.submit(solve_chunk, task)
+        if self._client is None:
+            return self._executor.submit(solve_chunk, task)
+        # Dask would give a task that it has seen the result it had, also where that is the loss of its workers.
+        return self._executor.submit(solve_chunk, task, pure=False)
 
-    def rebuild(self, error: BaseException) -> None:
-        """A new pool of our own; a caller's executor that broke stays broken, and ``error`` is raised."""
-        if not self._own:
-            raise error
-        self._executor.shutdown(wait=False, cancel_futures=True)
-        self._executor = self._new()
+    @property
+    def in_flight(self) -> int:
+        """How many tasks to have submitted: two for each that can run at once, as far as the executor tells."""
+        if self._client is not None and time.monotonic() - self._looked >= _LOOK:
+            self._width = self._cluster_width()
+            self._looked = time.monotonic()
+        return 2 * max(1, self._width or os.cpu_count() or 1)
+
+    def _cluster_width(self) -> int:
+        """Threads of a Dask cluster."""
+        if self._client.status == "closed":
+            raise BrokenExecutor(
+                f"the Dask scheduler {self._client.scheduler.addr if self._client.scheduler else ''} is gone, or its "
+                "client was closed; all chunks that came are stored, and the same call goes on from there"
+            )
+        try:
+            width = sum(self._client.ncores().values())
+        except (OSError, TimeoutError):  # it is reconnecting, and closes itself where that fails
+            return self._width or 1
+        if not width:
+            warnings.warn("the Dask cluster has no workers; waiting for some to join", stacklevel=2)
+        return max(1, width)
 
     def close(self) -> None:
-        if self._own:
-            self._executor.shutdown(wait=True, cancel_futures=True)
-
-
-def _end_with_parent() -> None:
-    """Make this worker end when its parent does; that of a parent that was killed would wait for ever."""
-    parent = parent_process()
-    if parent is not None:
-        Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
-
-
-def _exit_after(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
-
-
-def _width_of(executor: Any) -> int:
-    """Tasks that an executor of the caller's can run at once, as far as it tells."""
-    client = getattr(executor, "_client", None)  # a Dask cluster
-    if client is not None:
-        return max(1, sum(client.ncores().values()))
-    return getattr(executor, "_max_workers", None) or os.cpu_count() or 1
+        if self._own is not None:
+            self._own.shutdown(wait=False)
 
 
 class _Run:
@@ -101,32 +104,20 @@ class _Run:
         again: list[Task] = []
         try:
             while True:
-                while len(running) < self._pool.in_flight and (task := again.pop() if again else next(tasks, None)):
-                    running[self._submit(task)] = task
+                in_flight = self._pool.in_flight
+                while len(running) < in_flight and (task := again.pop() if again else next(tasks, None)):
+                    running[self._pool.submit(task)] = task
                 if not running:
                     return
-                done, _ = wait(running, return_when=FIRST_COMPLETED)
-                broken = next((e for f in done if isinstance(e := f.exception(), BrokenExecutor)), None)
-                if broken is not None:
-                    done, _ = wait(running)  # a broken pool breaks all that it had
+                done, _ = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
                 again += [task for future in done if (task := self._take(future, running.pop(future))) is not None]
-                if broken is not None:
-                    self._pool.rebuild(broken)
         finally:
             for future in running:
                 future.cancel()
 
-    def _submit(self, task: Task) -> Future[Rows]:
-        try:
-            return self._pool.submit(task)
-        except BrokenExecutor as error:
-            self._lost(error)
-            self._pool.rebuild(error)
-            return self._pool.submit(task)
-
     def _take(self, future: Future[Rows], task: Task) -> Task | None:
         """Write the chunk that came; the task itself where its worker was lost."""
-        error = future.exception()
+        error = CancelledError("the executor dropped a task") if future.cancelled() else future.exception()
         if error is not None:
             self._lost(error)
             return task
@@ -140,7 +131,8 @@ class _Run:
 
     def _lost(self, error: BaseException) -> None:
         """Count a lost worker; raise what is no such loss, and a loss too many."""
-        lost = isinstance(error, BrokenExecutor) or type(error).__name__ == "KilledWorker"  # the latter is Dask's
+        # Dask's name for a task whose workers died, several one after another; it cancels tasks when it is restarted.
+        lost = isinstance(error, WorkerLostError | CancelledError) or type(error).__name__ == "KilledWorker"
         self._losses += 1
         if not lost or self._losses > _RETRIES * self._pool.in_flight:
             raise error
@@ -168,7 +160,7 @@ def generate(
         path: folder of the database.
         parameters: (M, np).
         executor: any ``concurrent.futures`` executor, such as a Dask cluster's ``client.get_executor()``; by default a
-            pool of processes.
+            pool of processes. One that breaks stays broken: its error is raised, and what came is stored.
         workers: processes of the default pool; one per core where not given.
         seed: of the order and of the guesses.
         settings: how.
@@ -176,27 +168,48 @@ def generate(
         progress: show a progress bar; by default where standard error is a terminal.
 
     Raises:
-        DatabaseError: the path holds something else, or a database made otherwise.
+        DatabaseError: the path holds something else, or a database made otherwise, or another process is writing it.
         ValueError: unusable parameters.
     """
-    p = problem.check_parameters(parameters, extrapolate)
-    database = _open_or_create(problem, Path(path), p, seed, settings)
-    done = database.present()
-    if done.all():
-        return database
-    with GuardedSolver(problem, settings.solver) as solver:
-        solver.start()  # compiles, once, before workers ask for it
-    begun = database.totals()["problems"]
-    hidden = None if progress is None else not progress
-    pool = _Pool(executor, workers)
-    with tqdm(total=len(p), initial=begun, unit="problem", desc=problem.id, disable=hidden) as bar:
-        run = _Run(database, pool, bar)
-        try:
-            for chunks in rounds(database, settings):
-                run(tasks(database, settings, seed, chunks))
-        finally:
-            pool.close()
+    p, folder = problem.check_parameters(parameters, extrapolate), Path(path)
+    if folder.exists() and (finished := _open_or_create(problem, folder, p, seed, settings)).complete:
+        return finished
+    with _only_writer(folder):
+        database = _open_or_create(problem, folder, p, seed, settings)
+        with GuardedSolver(problem, settings.solver) as solver:
+            solver.start()  # compiles, once, before workers ask for it
+        begun = database.totals()["problems"]
+        hidden = None if progress is None else not progress
+        pool = _Pool(executor, workers)
+        with tqdm(total=len(p), initial=begun, unit="problem", desc=problem.id, disable=hidden) as bar:
+            run = _Run(database, pool, bar)
+            try:
+                for chunks in rounds(database, settings):
+                    run(tasks(database, settings, seed, chunks))
+            finally:
+                pool.close()
     return database
+
+
+@contextlib.contextmanager
+def _only_writer(path: Path) -> Iterator[None]:
+    """Keeps other processes from writing to ``path``. The operating system lifts the lock when this one ends."""
+    target = path.resolve()
+    target.parent.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(f"{target}.lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise DatabaseError(
+            f"{path} is being generated by another process; wait for it to end, or choose another path"
+        ) from None
+    try:
+        for left in target.parent.glob(f".{target.name}.*"):
+            if left.name.removeprefix(f".{target.name}.").isdigit():  # begun by a process that was killed
+                shutil.rmtree(left, ignore_errors=True)
+        yield
+    finally:
+        lock.release()
 
 
 def _open_or_create(

@@ -30,6 +30,7 @@ from ocp_envs.system import Array
 
 Bools = NDArray[np.bool_]
 
+RESULTS = Path(__file__).resolve().parents[1] / "results"
 DT = 0.02
 
 
@@ -78,17 +79,18 @@ def one_by_one(problem: OptimalControlProblem, planner: Planner, p: Array) -> tu
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problem", default="PendulumSwingup-v0", help="name of the problem")
+    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the problem")
     parser.add_argument("--planner", default="moe-custom", help="name of a shipped planner")
     parser.add_argument("--episodes", type=int, default=1000, help="episodes of the batched rollout")
     parser.add_argument("--single", type=int, default=20, help="episodes of the loop over single environments")
     parser.add_argument("--repeats", type=int, default=3, help="runs of each, interleaved; the median counts")
     parser.add_argument("--seed", type=int, default=0, help="seed of the starts")
-    parser.add_argument("--output", type=Path, default=Path("results/benchmark_rollout.json"))
+    parser.add_argument("--output", type=Path, help="results/benchmark_rollout_<env-id>.json by default")
     arguments = parser.parse_args()
 
-    problem = ocp_envs.load(arguments.problem)
-    planner = moe_policy.load(arguments.problem, arguments.planner)
+    problem = ocp_envs.load(arguments.env)
+    output = arguments.output or RESULTS / f"benchmark_rollout_{problem.id}.json"
+    planner = moe_policy.load(arguments.env, arguments.planner)
     p = draw(problem, arguments.episodes, arguments.seed)
     runs, singles, agreement = [], [], []
     for _ in range(arguments.repeats):
@@ -115,12 +117,12 @@ def main() -> None:
         "same_successes": all(agreement),
         "provenance": provenance(),
     }
-    write_json(arguments.output, result)
+    write_json(output, result)
     print(f"{arguments.episodes} tracked plans, batched: {median['whole']:.2f} s", end=" ")
     print(f"(planning {median['planning']:.3f} s and tracking set-up {median['tracking_setup']:.2f} s of it)")
     single = 1e3 * statistics.median(singles)
     print(f"one environment at a time: {single:.1f} ms an episode, {result['ratio']:.0f} times as long")
-    print(f"wrote {arguments.output}")
+    print(f"wrote {output}")
 
 
 if __name__ == "__main__":

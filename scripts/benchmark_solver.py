@@ -5,7 +5,7 @@ Both get the same problems, guesses and nonlinear program (every winding of ever
 attempts, the transfer and the independent check. Building and compiling come before and are reported apart. Our solver
 runs as in multistart, which tries another guess rather than the fallback where a solve did not converge.
 
-    python scripts/benchmark_solver.py                # writes results/benchmark_solver.json
+    python scripts/benchmark_solver.py                # writes results/benchmark_solver_<env-id>.json
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 from ocp_envs.transcription import transcribe
 
+RESULTS = Path(__file__).resolve().parents[1] / "results"
 Solve = Callable[[Array, Trajectory, NDArray[np.int64]], Solutions]
 
 
@@ -132,17 +133,18 @@ def compare(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problem", default="PendulumSwingup-v0", help="name of the problem")
+    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the problem")
     parser.add_argument("--size", type=int, default=200, help="number of parameters (default: %(default)s)")
     parser.add_argument("--stored", type=int, default=500, help="solved parameters for warm starts")
     parser.add_argument("--rounds", type=int, default=3, help="the fastest of so many rounds counts")
     parser.add_argument("--seed", type=int, default=20190622)
-    parser.add_argument("--output", type=Path, default=Path("results/benchmark_solver.json"))
+    parser.add_argument("--output", type=Path, help="results/benchmark_solver_<env-id>.json by default")
     arguments = parser.parse_args()
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})  # the solver's child inherits it: one core for both
 
-    problem, settings = ocp_envs.load(arguments.problem), SolverSettings()
+    problem, settings = ocp_envs.load(arguments.env), SolverSettings()
+    output = arguments.output or RESULTS / f"benchmark_solver_{problem.id}.json"
     parameters, windings = draw(problem, arguments.size, arguments.seed)
     report: dict[str, Any] = {"problem": problem.id, "seed": arguments.seed, "parameters": arguments.size}
     report |= {
@@ -158,7 +160,9 @@ def main() -> None:
         methods: dict[str, Solve] = {"ours": partial(ours.solve, persist=False)}
         for name, expand in (("opti", False), ("opti_expanded", True)):
             methods[name] = PlainOpti(problem, settings.tolerance, expand).solve
+        rng = np.random.default_rng(arguments.seed + 3)
         starts = {
+            "line": guesses(problem, parameters, windings, rng, "line"),
             "cold": guesses(problem, parameters, windings, np.random.default_rng(arguments.seed + 1), "drift"),
             "warm": neighbours(problem, ours.solve, parameters, arguments.stored, arguments.seed + 2),
         }
@@ -171,8 +175,8 @@ def main() -> None:
                     f"{row['verified_per_second']:8.1f} per second, {row['iterations_median']:.0f} iterations"
                 )
             print(f"{kind:5s} ratio to the better Opti: {report[kind]['ratio_to_the_better']:.1f}")
-    write_json(arguments.output, report | {"provenance": provenance()})
-    print(f"written: {arguments.output}")
+    write_json(output, report | {"provenance": provenance()})
+    print(f"written: {output}")
 
 
 if __name__ == "__main__":

@@ -1,17 +1,20 @@
 """Data quality: are the optima we store the best there are, and does every stored trajectory pass the check?
 
-On fresh random problems an exhaustive search (IPOPT alone, from the motions under many random controls, to every
+On random problems, fresh or taken from a database, an exhaustive search (IPOPT alone, from the motions under many random controls, to every
 winding of the goal up to two beyond the listed ones that lies in the operating box) is compared with the product's ways
-of solving: ``ocp_envs.solve``, a generated database, and warm starts from the training database. A case counts against
+of solving: ``ocp_envs.solve``, a generated database, and, for fresh problems, warm starts from the training database,
+for others what the database holds. A case counts against
 us where the search is more than 0.1 % cheaper. The search goes on where it was interrupted.
 
-    python scripts/check_data.py                # writes results/data_quality.json
+    python scripts/check_data.py                # writes results/data_quality_<env-id>.json
+    python scripts/check_data.py --env GroundVehicle-v0 --cases-from training --starts 40
 """
 
 from __future__ import annotations
 
 import argparse
 import dataclasses
+import hashlib
 import os
 import tempfile
 import time
@@ -77,7 +80,7 @@ def search(name: str, cases: Array, starts: int, seed: tuple[int, ...]) -> Array
 def exhaustive(problem: OptimalControlProblem, cases: Array, starts: int, workers: int, store: Path) -> Array:
     """Costs of the search, (cases, windings), kept in ``store`` as they come."""
     costs = np.full((len(cases), len(widened(problem).targets)), np.nan)
-    key = f"{problem.fingerprint} {starts} {SEED} {ITERATIONS}"
+    key = f"{problem.fingerprint} {starts} {SEED} {ITERATIONS} {hashlib.sha256(cases[:1].tobytes()).hexdigest()}"
     if store.exists():
         with np.load(store, allow_pickle=False) as file:
             if str(file["key"]) == key:  # more cases begin with the same ones
@@ -99,6 +102,18 @@ def exhaustive(problem: OptimalControlProblem, cases: Array, starts: int, worker
             os.replace(part, store)
             bar.update()
     return costs
+
+
+def draw(
+    problem: OptimalControlProblem, databases: dict[str, Database], source: str, count: int
+) -> tuple[Array, Array | None]:
+    """The cases, and their costs where they come from a database."""
+    if source == "fresh":
+        return ocp_envs.sample(problem, SEED, count), None
+    if source not in databases:
+        raise SystemExit(f"--cases-from {source}: there are fresh, {', '.join(databases)}")
+    rows = np.random.default_rng(SEED).permutation(len(databases[source]))[:count]
+    return databases[source].parameters[rows], databases[source].costs()[rows].min(axis=1)
 
 
 def by_solve(problem: OptimalControlProblem, cases: Array) -> Array:
@@ -150,27 +165,32 @@ def check_database(database: Database) -> dict[str, int]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
-    parser.add_argument("--cases", type=int, default=500, help="fresh random problems")
+    parser.add_argument("--cases", type=int, default=500, help="number of random problems")
+    parser.add_argument("--cases-from", default="fresh", help="the set they are taken from, such as training")
     parser.add_argument("--starts", type=int, default=60, help="guesses of the search for every winding")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes of the search")
     parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
-    parser.add_argument("--output", type=Path, default=ROOT / "results" / "data_quality.json")
+    parser.add_argument("--output", type=Path, help="results/data_quality_<env-id>.json by default")
     arguments = parser.parse_args()
 
     problem = ocp_envs.load(arguments.env)
     folder = arguments.data / problem.id
     databases = {path.stem: Database.open(path, problem) for path in sorted(folder.glob("*.zarr"))}
-    cases = ocp_envs.sample(problem, SEED, arguments.cases)
+    cases, stored = draw(problem, databases, arguments.cases_from, arguments.cases)
     targets = widened(problem).targets
     began = time.perf_counter()
-    costs = exhaustive(problem, cases, arguments.starts, arguments.workers, folder / "exhaustive.npz")
+    costs = exhaustive(
+        problem, cases, arguments.starts, arguments.workers, folder / f"exhaustive_{arguments.cases_from}.npz"
+    )
     seconds = time.perf_counter() - began
 
     ways: dict[str, Callable[[], Array]] = {
         "solve": lambda: by_solve(problem, cases),
         "generate": lambda: by_generate(problem, cases),
     }
-    if "training" in databases:
+    if stored is not None:
+        ways = {"stored": lambda: stored} | ways
+    elif "training" in databases:
         ways["warm starts"] = lambda: SolverPlanner(problem, databases["training"]).best(cases)[1]
     results = {}
     for name, way in ways.items():
@@ -181,11 +201,13 @@ def main() -> None:
     for name, check in checks.items():
         print(f"{name}: {check['failing']} of {check['trajectories']} stored trajectories fail the check")
     search_record = {"starts": arguments.starts, "targets": targets, "seconds_of_last_run": seconds, "seed": SEED}
+    output = arguments.output or ROOT / "results" / f"data_quality_{problem.id}.json"
     write_json(
-        arguments.output,
+        output,
         {
             "problem": problem.id,
             "cases": len(cases),
+            "cases_from": arguments.cases_from,
             "tolerance": TOLERANCE,
             "search": search_record,
             "ways": results,
@@ -193,7 +215,7 @@ def main() -> None:
             "provenance": provenance(),
         },
     )
-    print(f"wrote {arguments.output}")
+    print(f"wrote {output}")
 
 
 if __name__ == "__main__":

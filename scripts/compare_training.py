@@ -32,9 +32,9 @@ from moe_policy import comparison, figures, recipes, trajectory_figures
 from moe_policy.architectures import PAPER_SIZES, layer_sizes
 from moe_policy.clustering import cluster
 from moe_policy.fitting import PAPER, TrainingSettings
-from moe_policy.planner import NetworkPlanner
+from moe_policy.planner import NearestPlanner, NetworkPlanner
 from moe_policy.store import load_file
-from moe_policy.studies import study_of
+from moe_policy.studies import Study, study_of
 from moe_policy.training import fit_single
 from ocp_envs.database import Samples
 from ocp_envs.problem import OptimalControlProblem
@@ -43,6 +43,8 @@ from ocp_envs.records import provenance, write_json
 ROOT = Path(__file__).resolve().parents[1]
 #: Seeds of the ablation and of the smaller training sets.
 FEWER_SEEDS = 3
+#: Training samples drawn around the case where the single network interpolates.
+NEIGHBOURS = 8
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,12 @@ class Folders:
         return ocp_envs.Database.open(self.data / f"{name}.zarr", problem).samples()
 
 
+def sizes_of(study: Study, total: int) -> list[tuple[int, TrainingSettings]]:
+    """Numbers of training problems and the settings for them, the whole set last."""
+    smaller = [(n, dataclasses.replace(study.settings, epochs=e)) for n, e in study.sizes.items() if n < total]
+    return [*smaller, (total, study.settings)]
+
+
 def plan(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run]:
     """All runs, those of the first seed first."""
     study = study_of(problem)
@@ -86,9 +94,8 @@ def plan(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run
         for hidden in study.ablation:
             if hidden != PAPER_SIZES[problem.id].single:
                 yield Run("snn", seed, total, study.settings, hidden)
-        for size in study.sizes:
-            if size < total:
-                yield from (Run(name, seed, size, study.settings) for name in study.sized)
+        for size, settings in sizes_of(study, total):
+            yield from (Run(name, seed, size, settings) for name in study.sized if size < total)
 
 
 def select(samples: Samples, count: int, seed: int) -> Samples:
@@ -174,7 +181,7 @@ def assemble(problem: OptimalControlProblem, records: dict[Run, dict[str, Any]],
         | {"hidden": list(hidden), "paper_test_error": error}
         for hidden, error in study.ablation.items()
     ]
-    sizes = [collect(name, size, study.settings) for name in study.sized for size in (*study.sizes, total)]
+    sizes = [collect(name, *size) for name in study.sized for size in sizes_of(study, total)]
     return {"settings": dataclasses.asdict(study.settings), "rows": rows, "ablation": ablation, "sizes": sizes}
 
 
@@ -227,7 +234,24 @@ def _draw_paths(
     stem: Path, training: Samples, validation: Samples, partitions: Any, planners: dict[str, Any], errors: Any
 ) -> int:
     """Figures of a problem whose trajectories are paths in the plane; returns the case where SNN interpolates."""
-    raise NotImplementedError
+    problem = training.problem
+    trajectory_figures.samples_figure(f"{stem}_samples.png", training, partitions["custom"])
+    trajectory_figures.histories_figure(f"{stem}_histories.png", training, partitions["custom"])
+    shown = {name: errors[name] for name in ("snn", "moe-custom")}
+    trajectory_figures.error_histograms_figure(f"{stem}_errors.png", shown, problem.goal.radius)
+    nearest = NearestPlanner(training)
+    pair = planners["snn"], planners["moe-custom"]
+    chosen = trajectory_figures.choose_interpolated(validation, *pair, training, NEIGHBOURS)
+    p = validation.parameters[chosen]
+    around = nearest.neighbours(p, NEIGHBOURS)[0]
+    trajectory_figures.interpolation_figure(
+        f"{stem}_interpolation.png",
+        validation.trajectory[chosen],
+        training[around],
+        {planner.name: planner(p) for planner in pair},
+        problem,
+    )
+    return chosen
 
 
 def main() -> None:

@@ -113,6 +113,32 @@ def test_samples_are_the_cheapest_trajectories_of_solved_problems(filled):
     np.testing.assert_array_equal(database.samples([5, 0, 3]).index, [5, 3])
 
 
+def test_reading_in_blocks_changes_nothing(filled, monkeypatch):
+    """Memory is bounded by a block, which is a whole number of chunks."""
+    database, rows = filled
+    whole, digest = database.samples(), database.digest()
+    monkeypatch.setattr("ocp_envs.database._BLOCK", CHUNK)
+    blocks = [where for where, _ in database.blocks()]
+    assert [(where.start, where.stop) for where in blocks] == [(0, 4), (4, 8), (8, 10)]
+    assert [where.stop for where, _ in database.blocks(6)] == [4, 6]
+    again = database.samples()
+    for name in ("parameters", "cost", "mode", "mode_costs", "index"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(whole, name), err_msg=name)
+    np.testing.assert_array_equal(again.trajectory.flat(), whole.trajectory.flat())
+    np.testing.assert_array_equal(database.costs(), rows.cost)
+    np.testing.assert_array_equal(database.rows([9, 0, 4]).z, rows.z[[9, 0, 4]])
+    assert database.digest() == digest
+
+
+def test_the_key_tells_what_a_database_was_made_from(empty, order, tmp_path):
+    p = sample(PENDULUM, 1, COUNT)
+    same = Database.create(tmp_path / "same", PENDULUM, p, order=order, chunk=CHUNK)
+    assert same.key == empty.key
+    moved = Database.create(tmp_path / "moved", PENDULUM, p + 1e-9, chunk=CHUNK)
+    other = Database.create(tmp_path / "other", PENDULUM, p, chunk=CHUNK, settings={"seed": 3})
+    assert len({empty.key, moved.key, other.key}) == 3
+
+
 def test_samples_can_be_sliced(filled):
     samples = filled[0].samples()
     chosen = samples[samples.mode == 0]

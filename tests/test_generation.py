@@ -86,10 +86,10 @@ class Unguarded(Solver):
 def unguarded(monkeypatch):
     for module in (chunks, generation):
         monkeypatch.setattr(module, "GuardedSolver", Unguarded)
-    chunks._worker.cache_clear()
+    chunks._kept.__dict__.clear()
     Unguarded.asked.clear()
     yield Unguarded
-    chunks._worker.cache_clear()
+    chunks._kept.__dict__.clear()
 
 
 @pytest.fixture(scope="module")

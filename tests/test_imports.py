@@ -69,9 +69,13 @@ ORDER = (
     "moe_policy.actor",
     "moe_policy.learners",
     "moe_policy.baselines",
+    "moe_policy.studies",
     "moe_policy.evaluation",
+    "moe_policy.diagnosis",
     "moe_policy.reporting",
     "moe_policy.figures",
+    "moe_policy.trajectory_figures",
+    "moe_policy.data_report",
     "moe_policy.comparison",
 )
 LEARNING = {"moe_policy", "torch", "sklearn", "safetensors", "stable_baselines3"}

@@ -186,18 +186,12 @@ class OneThread(ThreadPoolExecutor):
 @pytest.mark.slow
 def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeypatch, tmp_path):
     module = script("compare_training")
-    default, plan, paper = module.DEFAULT, module.plan, dataclasses.replace(QUICK, patience=2)
-
-    def quick_plan(seeds, total):
-        for each in plan(seeds, total):
-            yield dataclasses.replace(each, settings=QUICK) if each.settings == default else each
-
+    whole = module.study_of(PENDULUM)
+    study = dataclasses.replace(whole, settings=QUICK, sizes={20: 2, 40: 2})
     for name, value in (
-        ("DEFAULT", QUICK),
-        ("PAPER", paper),
-        ("SIZES", (20, 40)),
+        ("study_of", lambda problem: study),
+        ("PAPER", dataclasses.replace(QUICK, patience=2)),
         ("ProcessPoolExecutor", OneThread),
-        ("plan", quick_plan),
     ):
         monkeypatch.setattr(module, name, value)
     copy = tmp_path / "data" / PENDULUM.id
@@ -208,13 +202,13 @@ def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeyp
     run(module, *arguments)
     record = read(tmp_path / "results" / "compare_training_PendulumSwingup-v0.json")
     keys = {column.key for column in comparison.TRAINING_COLUMNS}
-    papers = [row for row in record["rows"] if row["name"] in module.PAPERS_TABLE]
-    assert len(papers) == len(module.PAPERS_TABLE) == 9
+    papers = [row for row in record["rows"] if row["name"] in study.published]
+    assert len(papers) == len(study.published) == 9
     assert all(keys <= set(row) for row in papers)
-    assert {(row["name"], row["samples"]) for row in record["sizes"]} == {
-        (n, s) for n in module.SIZED for s in (20, 40)
-    }
-    assert len(record["ablation"]) == len(module.PAPERS_ABLATION)
+    total = max(row["samples"] for row in record["rows"])
+    expected = {(name, size) for name in study.sized for size in (20, 40, total)}
+    assert {(row["name"], row["samples"]) for row in record["sizes"]} == expected
+    assert len(record["ablation"]) == len(study.ablation)
     pictures = {path.name for path in (tmp_path / "results").glob("*.png")}
     assert pictures == {f"training_{PENDULUM.id}_{name}.png" for name in ("clusters", "sizes", "jump", "errors")}
     # The second run finds all models of the first.

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -66,6 +68,17 @@ def test_the_scalers_see_the_training_split_only(samples):
         wanted = Standardizer.fit(values[split.training])
         np.testing.assert_array_equal(scaler.mean, wanted.mean)
         np.testing.assert_array_equal(scaler.std, wanted.std)
+
+
+def test_an_executor_trains_the_same_mixture(samples, pretrained):
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        parallel = fit_mixture(samples, cluster(samples, "custom"), settings=QUICK, executor=pool)
+    here, there = pretrained.network.state_dict(), parallel.network.state_dict()
+    assert list(here) == list(there)
+    for key, value in here.items():
+        np.testing.assert_allclose(there[key].numpy(), value.numpy(), atol=1e-6, err_msg=key)
+    assert [part.name for part in parallel.report.parts] == [part.name for part in pretrained.report.parts]
+    assert parallel.report.part("gate").accuracy == pretrained.report.part("gate").accuracy
 
 
 def test_the_report_is_true(samples, pretrained):
