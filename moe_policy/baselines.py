@@ -30,7 +30,12 @@ from moe_policy.actor import LearnedPolicy, read_policy
 from moe_policy.learners import SHORT_SAC, PPOSettings, RLSettings, SACSettings
 from moe_policy.rollout import rollout
 from moe_policy.tracking import Stabilised
-from moe_policy.wrappers import VectorFeatureObservation, VectorNormalisedAction, VectorShapedReward
+from moe_policy.wrappers import (
+    VectorFeatureObservation,
+    VectorNearStarts,
+    VectorNormalisedAction,
+    VectorShapedReward,
+)
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.simulation import largest_cost_rate
 
@@ -117,6 +122,8 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings, **argumen
         autoreset_mode="Disabled",
         **arguments,
     )
+    if settings.near_starts:
+        envs = VectorNearStarts(envs, settings.near_starts, settings.seed)
     rewarded = VectorShapedReward(envs, settings.reward_scale, settings.shaping, settings.gamma)
     return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(rewarded)))
 

@@ -36,6 +36,8 @@ class RLSettings:
         reward_scale: factor of all rewards.
         shaping: weight of the distance to the goal in a potential added to the rewards, 0 for none; see
             :class:`moe_policy.wrappers.VectorShapedReward`.
+        near_starts: share of the training episodes that start nearer to the goal than in the benchmark, see
+            :class:`moe_policy.wrappers.VectorNearStarts`.
         seed: of everything random in the training.
 
     Raises:
@@ -55,6 +57,7 @@ class RLSettings:
     evaluate_every: int = 10_000
     reward_scale: float = 1.0
     shaping: float = 0.0
+    near_starts: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -63,6 +66,8 @@ class RLSettings:
         for name in positive:
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if not 0 <= self.near_starts <= 1:
+            raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
         if not self.shaping >= 0:
             raise ValueError(f"shaping must be at least 0, got {self.shaping}")
         if not 0 < self.gamma <= 1:

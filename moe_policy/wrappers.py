@@ -171,3 +171,33 @@ class VectorShapedReward(gym.vector.VectorWrapper):
         gain = self._gamma * following - self._before
         self._before = following
         return observations, self._scale * (np.asarray(rewards) + gain), terminated, truncated, info
+
+
+class VectorNearStarts(gym.vector.VectorWrapper):
+    """Some episodes start between the goal and where they would have: at g + f (p − g) with f uniform in [0, 1].
+
+    A curriculum without a schedule: short episodes teach what the long ones end with (compare Florensa et al., *Reverse
+    curriculum generation for reinforcement learning*, 2017). Only resets without ``parameters`` are changed.
+
+    Args:
+        env: a vector environment of :mod:`ocp_envs`, wrapped or not.
+        share: probability of such a start, in [0, 1].
+        seed: of the draws.
+    """
+
+    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any], share: float, seed: int) -> None:
+        super().__init__(env)
+        self._problem: OptimalControlProblem = env.unwrapped.problem  # type: ignore[attr-defined]
+        self._share, self._rng = share, np.random.default_rng(seed)
+
+    def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        """As the environment's own, with drawn parameters where none are given."""
+        options = dict(options or {})
+        if "parameters" not in options:
+            problem, count, box = self._problem, self.num_envs, self._problem.parameters
+            p = box.lower + self._rng.random((count, len(box))) * (box.upper - box.lower)
+            resting = problem.parameters_of(np.tile(problem.goal.state, (count, 1)), problem.start(p)[1])
+            goal = np.clip(resting, box.lower, box.upper)
+            fraction = np.where(self._rng.random(count) < self._share, self._rng.random(count), 1.0)
+            options["parameters"] = goal + fraction[:, None] * (p - goal)
+        return self.env.reset(seed=seed, options=options)

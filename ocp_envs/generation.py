@@ -19,7 +19,7 @@ import os
 import shutil
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,7 @@ class _Pool:
         self._executor: Any = executor or self._own
         dask = type(executor).__module__.partition(".")[0] == "distributed"
         self._client: Any = getattr(executor, "_client", None) if dask else None
+        self._scheduler = self._client.scheduler.address if self._client and self._client.scheduler else ""
         self._width = workers if executor is None else getattr(executor, "_max_workers", None)
         self._looked = -np.inf
 
@@ -75,8 +76,8 @@ class _Pool:
         """Threads of a Dask cluster."""
         if self._client.status == "closed":
             raise BrokenExecutor(
-                f"the Dask scheduler {self._client.scheduler.addr if self._client.scheduler else ''} is gone, or its "
-                "client was closed; all chunks that came are stored, and the same call goes on from there"
+                f"the Dask scheduler {self._scheduler} is gone, or its client was closed; all chunks that came are "
+                "stored, and the same call goes on from there"
             )
         try:
             width = sum(self._client.ncores().values())
@@ -85,6 +86,11 @@ class _Pool:
         if not width:
             warnings.warn("the Dask cluster has no workers; waiting for some to join", stacklevel=2)
         return max(1, width)
+
+    def cancel(self, futures: Iterable[Future[Rows]]) -> None:
+        if self._client is None or self._client.status != "closed":  # a closed client complains
+            for future in futures:
+                future.cancel()
 
     def close(self) -> None:
         if self._own is not None:
@@ -112,8 +118,7 @@ class _Run:
                 done, _ = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
                 again += [task for future in done if (task := self._take(future, running.pop(future))) is not None]
         finally:
-            for future in running:
-                future.cancel()
+            self._pool.cancel(running)
 
     def _take(self, future: Future[Rows], task: Task) -> Task | None:
         """Write the chunk that came; the task itself where its worker was lost."""

@@ -4,7 +4,8 @@ An interior-point solver is a C call that nothing can interrupt, and that may lo
 started with ``subprocess`` (worker processes of a pool may not start ``multiprocessing`` children), runs one BLAS
 thread and speaks length-prefixed pickles over its standard input and output; both ends are our own processes. It
 streams results one by one, so that every single solve is timed. The limit is wall-clock time and generous: it catches
-hangs only. What hung or crashed the primary solver goes to the fallback in the new child.
+hangs only. What hung the primary solver, or crashed it twice, goes to the fallback in the new child: a child that
+somebody killed once leaves no trace in the results.
 
 The child ends when its standard input ends, so also when its parent is killed.
 """
@@ -121,15 +122,18 @@ class Guard:
         Raises:
             RuntimeError: the child cannot be started.
         """
-        done = 0
+        done, crashed = 0, -1
         try:
             while done < len(tasks):
                 try:
                     for result in self._stream(tasks, done):
                         done += 1
                         yield result
-                except (_Silent, _Gone):
+                except (_Silent, _Gone) as error:
                     self._replace()
+                    if isinstance(error, _Gone) and crashed != done:
+                        crashed = done  # perhaps killed from outside: what is no fault of the task must not show
+                        continue
                     yield self._rescue(tasks[done])
                     done += 1
         finally:
@@ -145,7 +149,11 @@ class Guard:
     def start(self) -> None:
         """Start the child now rather than with the first task."""
         if self._child is None:
-            self._child = _Child((self._factory, self._transcription, self._settings))
+            setup = self._factory, self._transcription, self._settings
+            try:
+                self._child = _Child(setup)
+            except RuntimeError:  # perhaps killed from outside
+                self._child = _Child(setup)
 
     def _channel(self) -> _Channel:
         self.start()

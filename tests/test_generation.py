@@ -5,9 +5,11 @@ import subprocess
 import sys
 import time
 import warnings
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
 from pathlib import Path
+from threading import Barrier
 
+import cloudpickle
 import numpy as np
 import pytest
 
@@ -20,12 +22,14 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sampling import sample
 from ocp_envs.solver import Solver, Status, verify
 from ocp_envs.trajectory import Trajectory
+from ocp_envs.workers import WorkerLostError
+from scripts.check_interruptions import Kill, descendants, generate_interrupted, plan_kills, wait_for_chunks
 from tests.problems import DOUBLE_INTEGRATOR
 
 SMALL = GenerationSettings(first=20, chunk=10, starts=2)
 COUNT = 80
 needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="finds worker processes in /proc")
-#: What the processes below run; arguments: folder, workers.
+#: What the processes below run; arguments: folder, number of problems.
 SCRIPT = """
 import sys
 from ocp_envs.generation import GenerationSettings, generate
@@ -33,7 +37,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sampling import sample
 if __name__ == "__main__":
     settings = GenerationSettings(first=20, chunk=10, starts=2)
-    generate(PENDULUM, sys.argv[1], sample(PENDULUM, 7, 80), workers=int(sys.argv[2]), seed=3, settings=settings)
+    generate(PENDULUM, sys.argv[1], sample(PENDULUM, 7, int(sys.argv[2])), workers=2, seed=3, settings=settings)
 """
 
 
@@ -168,21 +172,14 @@ def test_arrays_do_not_depend_on_the_workers(whole, tmp_path, threads):
     assert other.digest() == whole.digest()
 
 
-def start_process(path, workers):
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    return subprocess.Popen([sys.executable, "-c", SCRIPT, str(path), str(workers)], env=environment)
+def command(path, count=COUNT):
+    return [sys.executable, "-c", SCRIPT, str(path), str(count)]
 
 
-def wait_for_chunks(path, count):
-    deadline = time.monotonic() + 120
-    while len(list((path / "status").glob("c/*"))) < count:
-        assert time.monotonic() < deadline, "generation does not get on"
-        time.sleep(0.02)
-
-
-def workers_of(process):
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    return [int(pid) for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+@pytest.fixture
+def importable(monkeypatch):
+    """Processes that are started find what this one finds."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(entry or os.getcwd() for entry in sys.path))
 
 
 def wait_for_end(pids):
@@ -190,23 +187,23 @@ def wait_for_end(pids):
     deadline = time.monotonic() + 30
     for pid in pids:
         while (stat := Path(f"/proc/{pid}/stat")).exists() and stat.read_text().rsplit(")", 1)[1].split()[0] != "Z":
-            assert time.monotonic() < deadline, f"worker {pid} outlived its parent"
+            assert time.monotonic() < deadline, f"process {pid} outlived its parent"
             time.sleep(0.05)
 
 
 @needs_proc
-@pytest.mark.parametrize("chunks", [1, pytest.param(4, marks=pytest.mark.slow)])
-def test_a_killed_parent_loses_nothing(whole, tmp_path, chunks):
+def test_a_killed_parent_loses_nothing_and_leaves_nobody_behind(whole, tmp_path, importable):
     path = tmp_path / "d"
-    process = start_process(path, 2)
-    wait_for_chunks(path, chunks)
-    workers = workers_of(process)
+    process = subprocess.Popen(command(path))
+    wait_for_chunks(process, path, 1)
+    others = descendants(process.pid)
+    assert len(others) >= 4  # two workers and their solvers
     process.send_signal(signal.SIGKILL)
     process.wait()
-    wait_for_end(workers)
+    wait_for_end(others)
     database = Database.open(path)
     done = int(database.present().sum())
-    assert chunks <= done < database.chunks
+    assert 1 <= done < database.chunks
     executor = InProcess()
     again = generate(PENDULUM, path, sample(PENDULUM, 7, COUNT), executor=executor, seed=3, settings=SMALL)
     assert len(executor.tasks) == database.chunks - done
@@ -214,13 +211,117 @@ def test_a_killed_parent_loses_nothing(whole, tmp_path, chunks):
 
 
 @needs_proc
-def test_a_killed_worker_costs_its_chunk_only(whole, tmp_path):
-    path = tmp_path / "d"
-    process = start_process(path, 2)
-    wait_for_chunks(path, 1)
-    os.kill(workers_of(process)[0], signal.SIGKILL)
-    assert process.wait(timeout=120) == 0
+def test_killed_processes_of_every_kind_change_nothing(whole, tmp_path, importable):
+    path, kills = tmp_path / "d", [Kill("worker", 1, 0.05), Kill("solver", 2, 0.05), Kill("parent", 4, 0.0)]
+    record = generate_interrupted(command(path), path, kills)
+    assert record["kills_by_kind"] == {"worker": 1, "solver": 1, "parent": 1}
+    assert record["chunks_written_again"] == 0
     assert Database.open(path).digest() == whole.digest()
+
+
+@needs_proc
+@pytest.mark.slow
+def test_twenty_kills_at_random_moments_change_nothing(tmp_path, importable):
+    count, path = 400, tmp_path / "d"
+    undisturbed = generate(PENDULUM, tmp_path / "whole", sample(PENDULUM, 7, count), seed=3, settings=SMALL)
+    kinds = ["parent"] * 8 + ["worker"] * 6 + ["solver"] * 6
+    record = generate_interrupted(command(path, count), path, plan_kills(kinds, undisturbed.chunks, 0.3, seed=5))
+    assert len(record["kills"]) == 20
+    assert record["starts"] == 9
+    assert record["chunks_written_again"] == 0
+    database = Database.open(path)
+    assert database.totals() == undisturbed.totals()
+    assert database.digest() == undisturbed.digest()
+
+
+class WhileItRuns(InProcess):
+    """Calls ``meanwhile`` when the first task is submitted."""
+
+    def __init__(self, meanwhile):
+        super().__init__()
+        self.meanwhile = meanwhile
+
+    def submit(self, fn, /, *args, **kwargs):
+        if not self.tasks:
+            self.meanwhile()
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_two_at_once_do_not_write_to_one_path(tmp_path, unguarded, importable):
+    p, path = sample(PENDULUM, 7, 10), tmp_path / "d"
+
+    def meanwhile():
+        with pytest.raises(DatabaseError, match="being generated by another process"):
+            generate(PENDULUM, path, p, executor=InProcess(), settings=SMALL)
+        other = subprocess.run(command(path), capture_output=True, text=True)
+        assert "DatabaseError: " in other.stderr
+
+    database = generate(PENDULUM, path, p, executor=WhileItRuns(meanwhile), settings=SMALL)
+    assert database.complete
+
+
+def test_what_a_process_killed_early_left_is_removed(tmp_path, unguarded):
+    for name in (".d.123", ".d.other.123"):  # the latter is another database's
+        (tmp_path / name).mkdir()
+    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=SMALL)
+    assert not (tmp_path / ".d.123").exists()
+    assert (tmp_path / ".d.other.123").exists()
+
+
+def test_threads_that_solve_have_one_child_each(monkeypatch):
+    """However many threads there are; another problem replaces the child."""
+    monkeypatch.setattr(chunks, "GuardedSolver", Counted)
+    barrier = Barrier(5)
+
+    def use(_):
+        barrier.wait()
+        first = chunks._worker(payload, SMALL.solver)[1]
+        assert chunks._worker(payload, SMALL.solver)[1] is first
+        assert chunks._worker(other, SMALL.solver)[1] is not first
+        assert first.closed
+        return first
+
+    payload, other = cloudpickle.dumps(PENDULUM), cloudpickle.dumps(DOUBLE_INTEGRATOR)
+    with ThreadPoolExecutor(5) as executor:
+        assert len(set(executor.map(use, range(5)))) == 5
+
+
+class Counted:
+    closed = False
+
+    def __init__(self, problem, settings):
+        self.problem = problem
+
+    def close(self):
+        self.closed = True
+
+
+class Dropping(InProcess):
+    """Loses every task for the first ``losses`` times, in one of the ways there are."""
+
+    def __init__(self, losses, error):
+        super().__init__()
+        self.losses, self.error = losses, error
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.losses == 0:
+            return super().submit(fn, *args, **kwargs)
+        self.losses -= 1
+        future = Future()
+        if self.error is None:
+            future.cancel()
+            future.set_running_or_notify_cancel()
+        else:
+            future.set_exception(self.error)
+        return future
+
+
+@pytest.mark.parametrize("error", [None, WorkerLostError("killed")])
+def test_lost_tasks_are_submitted_again_but_not_for_ever(tmp_path, unguarded, error):
+    p = sample(PENDULUM, 7, 20)
+    assert generate(PENDULUM, tmp_path / "d", p, executor=Dropping(3, error), settings=SMALL).complete
+    with pytest.raises((CancelledError, WorkerLostError)):
+        generate(PENDULUM, tmp_path / "e", p, executor=Dropping(1000, error), settings=SMALL)
 
 
 class Broken(InProcess):

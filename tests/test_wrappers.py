@@ -15,6 +15,7 @@ from moe_policy.wrappers import (
     Features,
     NormalisedAction,
     VectorFeatureObservation,
+    VectorNearStarts,
     VectorNormalisedAction,
     VectorShapedReward,
 )
@@ -224,3 +225,23 @@ def test_shaping_telescopes_and_scales():
     assert ended.tolist() == [False, True, False]  # the second enters the goal ball, where the potential is zero
     last = np.where(ended, 0.0, envs.unwrapped.problem.goal_error(envs.unwrapped.state))
     np.testing.assert_allclose(total, 0.5 * (-cost - 4.0 * last + 4.0 * first), rtol=1e-6)
+
+
+def test_near_starts_lie_between_the_goal_and_the_box():
+    count = 400
+    envs = gym.make_vec(
+        "GroundVehicle-v0", num_envs=count, vectorization_mode="vector_entry_point", autoreset_mode="Disabled"
+    )
+    near = VectorNearStarts(envs, 0.5, seed=0)
+    _, info = near.reset()
+    box = envs.unwrapped.problem.parameters
+    assert box.contains(info["parameters"]).all()
+    # Of a uniform draw the largest share of a half width exceeds 1/4 in all but (1/4)^4 of the cases.
+    reach = np.abs(info["parameters"] / box.upper).max(axis=1)
+    assert 0.5 * 0.2 * count < (reach < 0.25).sum() < 0.5 * 0.5 * count
+    p = np.array([1.0, 2.0, 0.5, 0.0])
+    _, info = near.reset(options={"parameters": p})
+    np.testing.assert_array_equal(info["parameters"], np.tile(p, (count, 1)))
+    masked = np.arange(count) < 3
+    _, info = near.reset(options={"reset_mask": masked})
+    assert info["_parameters"].sum() == 3
