@@ -36,6 +36,7 @@ class Study:
         sizes: numbers of training problems, and the epochs of training on so many; the whole training set comes beside
             them. Fewer problems get more epochs, though fewer gradient steps.
         sized: planners trained on each of ``sizes``.
+        fewer_seeds: training seeds of the smaller sets and of the ablation, at most.
         ablation: test error of the paper's single networks by their hidden layers.
         learners: how each reinforcement learner of the comparison is trained.
         short_learners: the same for a comparison made anew within minutes.
@@ -49,6 +50,7 @@ class Study:
     published: Mapping[str, Published] = field(default_factory=dict)
     sizes: Mapping[int, int] = field(default_factory=dict)
     sized: tuple[str, ...] = ()
+    fewer_seeds: int = 3
     ablation: Mapping[Hidden, float] = field(default_factory=dict)
     learners: Mapping[str, RLSettings] = field(default_factory=dict)
     short_learners: Mapping[str, RLSettings] = field(default_factory=dict)
@@ -100,6 +102,7 @@ _VEHICLE = Study(
     },
     sizes={3_000: 640, 10_000: 350, 30_000: 200},
     sized=("snn", "moe-custom", "moe-kmeans-10"),
+    fewer_seeds=1,
     learners={"sac": SACSettings(), "ppo": PPOSettings()},
     stored=10_000,
 )

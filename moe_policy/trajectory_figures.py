@@ -106,8 +106,8 @@ def choose_interpolated(validation: Samples, snn: Planner, moe: Planner, trainin
     A case shows it if the mixture's plan ends where the optimal one does (within the radius of the goal ball, turns not
     counting as equal), the ``k`` nearest training samples belong to two modes at least, and the plan of the single
     network ends between two goal states and farther than the radius from both, in the coordinate that tells windings
-    apart. Among these, one with neighbours of three modes goes first, then the one farthest from every goal state.
-    Where no case shows all of that, the same order without the conditions decides; ties go to the first case.
+    apart. Among these, one with neighbours of three modes or more goes first, then the one farthest from every goal
+    state. Where no case shows all of that, the same order without the conditions decides; ties go to the first case.
 
     Args:
         validation: cases to choose from.

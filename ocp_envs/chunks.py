@@ -73,7 +73,7 @@ class Task:
         seed: of the chunk's random guesses.
         parameters: (B, np).
         owner, z: row and flat guess of every warm start.
-        cold: random guesses for every winding.
+        cold: random guesses for every winding, by row, (B,).
     """
 
     chunk: int
@@ -83,7 +83,7 @@ class Task:
     parameters: Array
     owner: NDArray[np.int64]
     z: NDArray[np.float32]
-    cold: int
+    cold: NDArray[np.int64]
 
 
 #: What each thread that solves keeps from task to task.
@@ -134,10 +134,10 @@ def _multistart(
     windings = np.tile(np.arange(targets), len(task.parameters))
     reached = np.zeros(len(rows), dtype=bool)
     rng = np.random.default_rng(task.seed)
-    for attempt in range(task.cold):
+    for attempt in range(task.cold.max(initial=0)):
         kind: Kind = "line" if attempt == 0 else "drift"
         guess = guesses(problem, task.parameters[rows], windings, rng, kind)
-        open_ = np.flatnonzero(reached | (attempt < PATIENCE))
+        open_ = np.flatnonzero((reached | (attempt < PATIENCE)) & (attempt < task.cold[rows]))
         if not len(open_):
             return
         found = solver.solve(task.parameters[rows[open_]], guess[open_], windings[open_], persist=False)

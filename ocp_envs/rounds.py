@@ -89,9 +89,11 @@ def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: r
     for chunk in missing:
         p = database.stored_parameters(database.stored_rows(chunk))
         if library is None:
-            owner, z, cold = np.empty(0, np.int64), np.empty((0, problem.flat_size), np.float32), settings.starts
+            owner, z = np.empty(0, np.int64), np.empty((0, problem.flat_size), np.float32)
+            cold = np.full(len(p), settings.starts)
         else:
             owner, z = library.warm_starts(p, settings)
             # Where no neighbour has a solution there is nothing to start from but guesses.
-            cold = settings.cold if len(np.unique(owner)) == len(p) else max(settings.cold, PATIENCE)
+            warm = np.isin(np.arange(len(p)), owner)
+            cold = np.where(warm, settings.cold, max(settings.cold, PATIENCE))
         yield Task(chunk, payload, settings, (seed, chunk), p, owner, z, cold)

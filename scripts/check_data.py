@@ -1,10 +1,10 @@
 """Data quality: are the optima we store the best there are, and does every stored trajectory pass the check?
 
-On random problems, fresh or taken from a database, an exhaustive search (IPOPT alone, from the motions under many random controls, to every
-winding of the goal up to two beyond the listed ones that lies in the operating box) is compared with the product's ways
-of solving: ``ocp_envs.solve``, a generated database, and, for fresh problems, warm starts from the training database,
-for others what the database holds. A case counts against
-us where the search is more than 0.1 % cheaper. The search goes on where it was interrupted.
+On random problems, fresh or from a database, an exhaustive search (IPOPT alone, from the motions under many random
+controls, to every winding of the goal up to two beyond the listed ones that lies in the operating box) is compared with
+the product's ways of solving: ``ocp_envs.solve``, a generated database, and, for fresh problems, warm starts from the
+training database, for others what the database holds. A case counts against us where the search is more than 0.1 %
+cheaper. The search goes on where it was interrupted.
 
     python scripts/check_data.py                # writes results/data_quality_<env-id>.json
     python scripts/check_data.py --env GroundVehicle-v0 --cases-from training --starts 40
@@ -31,6 +31,7 @@ from tqdm import tqdm
 import ocp_envs
 from moe_policy.optimal import SolverPlanner
 from ocp_envs.database import Database
+from ocp_envs.nlp import Status
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
 from ocp_envs.solver import GuardedSolver, SolverSettings, guesses, verify
@@ -154,7 +155,7 @@ def check_database(database: Database) -> dict[str, int]:
     sizes = problem.knots, problem.system.nx, problem.system.nu
     trajectories = failing = 0
     for where, rows in database.blocks():
-        row, mode = np.nonzero(np.isfinite(rows.cost))
+        row, mode = np.nonzero(np.isfinite(rows.cost) & (rows.status == Status.SOLVED)[:, None])
         trajectory = Trajectory.from_flat(rows.z[row, mode], *sizes)
         parameters = database.stored_parameters(where)[row]
         passed = verify(problem, parameters, trajectory, rows.cost[row, mode]).passed

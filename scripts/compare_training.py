@@ -33,7 +33,7 @@ from moe_policy.architectures import PAPER_SIZES, layer_sizes
 from moe_policy.clustering import cluster
 from moe_policy.fitting import PAPER, TrainingSettings
 from moe_policy.planner import NearestPlanner, NetworkPlanner
-from moe_policy.store import load_file
+from moe_policy.store import SHIPPED, load_file
 from moe_policy.studies import Study, study_of
 from moe_policy.training import fit_single
 from ocp_envs.database import Samples
@@ -41,8 +41,6 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Seeds of the ablation and of the smaller training sets.
-FEWER_SEEDS = 3
 #: Training samples drawn around the case where the single network interpolates.
 NEIGHBOURS = 8
 
@@ -90,7 +88,7 @@ def plan(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run
             yield Run(name, seed, total, study.settings)
         for name in study.paper_settings:
             yield Run(name, seed, total, PAPER)
-    for seed in range(min(seeds, FEWER_SEEDS)):
+    for seed in range(min(seeds, study.fewer_seeds)):
         for hidden in study.ablation:
             if hidden != PAPER_SIZES[problem.id].single:
                 yield Run("snn", seed, total, study.settings, hidden)
@@ -259,6 +257,7 @@ def main() -> None:
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
     parser.add_argument("--seeds", type=int, default=5, help="training seeds of every model")
     parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
+    parser.add_argument("--ship", action="store_true", help="put the models of the first seed into the package")
     parser.add_argument("--workers", type=int, help="processes; one per core by default")
     parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
     arguments = parser.parse_args()
@@ -277,6 +276,9 @@ def main() -> None:
         for name in study.models
         if "pca" not in name
     }
+    if arguments.ship:
+        for name in study.compared:
+            load_file(models[name], problem).save(SHIPPED / problem.id / name)
     record |= draw(problem, folders, models, arguments.results, record)
     record |= {"env_id": problem.id, "training_key": data, "seconds": time.perf_counter() - began}
     write_json(arguments.results / f"compare_training_{problem.id}.json", record | {"provenance": provenance()})

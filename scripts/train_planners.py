@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import argparse
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import torch
@@ -17,39 +19,32 @@ import torch
 import ocp_envs
 from moe_policy import recipes
 from moe_policy.store import SHIPPED
+from moe_policy.studies import study_of
 
 ROOT = Path(__file__).resolve().parents[1]
-NAMES = (
-    "nearest",
-    "snn",
-    "moe-custom",
-    "moe-kmeans-3",
-    "moe-kmeans-4",
-    "moe-kmeans-10",
-    "moe-random",
-    "moe-retrained-argmax",
-    "moe-retrained-softmax-1",
-    "moe-retrained-softmax-0.1",
-)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
-    parser.add_argument("--names", nargs="+", default=NAMES, help="which planners; see moe_policy/recipes.py")
+    parser.add_argument("--names", nargs="+", help="which planners, see moe_policy/recipes.py; those of the study")
     parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
     parser.add_argument("--models", type=Path, default=SHIPPED, help="folder of the models")
     parser.add_argument("--seed", type=int, default=0, help="seed of clustering and training")
+    parser.add_argument("--workers", type=int, help="processes that train the networks of a mixture; one per core")
     arguments = parser.parse_args()
 
     torch.set_num_threads(1)  # the networks are far too small for more
     problem = ocp_envs.load(arguments.env)
+    study = study_of(problem)
     samples = ocp_envs.Database.open(arguments.data / problem.id / "training.zarr", problem).samples()
-    for name in arguments.names:
-        began = time.perf_counter()
-        planner = recipes.make(name, samples, seed=arguments.seed)
-        planner.save(arguments.models / problem.id / name)
-        print(f"{name}: {len(samples)} samples, {time.perf_counter() - began:.1f} s", flush=True)
+    with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
+        for name in arguments.names or ("nearest", *study.models):
+            began = time.perf_counter()
+            chosen = samples[: study.stored] if name == "nearest" else samples
+            planner = recipes.make(name, chosen, settings=study.settings, seed=arguments.seed, executor=pool)
+            planner.save(arguments.models / problem.id / name)
+            print(f"{name}: {len(chosen)} samples, {time.perf_counter() - began:.1f} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -79,7 +79,9 @@ def data(tmp_path_factory):
         module = importlib.import_module("generate_data")
         with_tiny_splits(monkeypatch, module)
         monkeypatch.setattr(reference, "save", functools.partial(reference.save, folder=folder / "reference"))
-        monkeypatch.setattr(sys, "argv", ["generate_data", "--data", str(folder), "--workers", "1", "--ship"])
+        monkeypatch.setattr(
+            sys, "argv", ["generate_data", "--data", str(folder), "--workers", "1", "--ship", "--results", str(folder)]
+        )
         module.main()
     return folder
 
@@ -121,14 +123,20 @@ def test_generate_data_makes_and_ships_every_split(data):
         if name in reference.SHIPPED:
             written = reference.load(PENDULUM, name, data / "reference")
             np.testing.assert_array_equal(written.cost, database.samples().cost)
+    record = read(data / f"generation_{PENDULUM.id}.json")
+    assert set(record) == set(TINY)
+    assert all(0 < row["memory"]["parent_gb"] < row["memory"]["bound_gb"] < 4 for row in record.values())
 
 
 def test_train_planners(data, script, run, monkeypatch, tmp_path):
-    monkeypatch.setattr(recipes, "make", functools.partial(recipes.make, settings=QUICK))
-    run(script("train_planners"), "--data", data, "--models", tmp_path, "--seed", 3)
+    module = script("train_planners")
+    study = dataclasses.replace(module.study_of(PENDULUM), settings=QUICK, stored=30)
+    monkeypatch.setattr(module, "study_of", lambda problem: study)
+    run(module, "--data", data, "--models", tmp_path, "--seed", 3, "--workers", 1)
     folder = tmp_path / PENDULUM.id
     names = {path.name.removesuffix(".json") for path in folder.glob("*.json")}
-    assert names == set(script("train_planners").NAMES)
+    assert names == {"nearest", *study.models}
+    assert len(moe_policy.load_file(folder / "nearest").parameters) == 30
     for name in names:
         planner = moe_policy.load_file(folder / name)
         assert planner.name == name
