@@ -1,9 +1,10 @@
 """Compare optimal control, networks, mixtures of experts, reinforcement learning and the bare stabiliser.
 
-All run on the same starts, through the same rollout loop. With no argument the shipped models run on the shipped
-validation set, which takes about a minute. ``--train`` first makes everything anew under ``data/compare/``: training,
-development and validation sets, planners, and SAC at a small budget. The table goes to the terminal, and with all
-figures to ``results/compare_<env>.json`` and ``.png`` (with ``--train`` to ``results/compare_trained_<env>.*``).
+All run on the same starts, through the same rollout loop. With no argument the shipped pendulum models run on the
+shipped validation set, which takes about a minute; ``--env GroundVehicle-v0`` takes a few. ``--train`` first makes
+everything anew under ``data/compare/``: training, development and validation sets, planners, and where the study has a
+short budget for it, a reinforcement learner. The table goes to the terminal, and with all figures to
+``results/compare_<env>.json`` and ``.png`` (with ``--train`` to ``results/compare_trained_<env>.*``).
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ import json
 import os
 import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +66,9 @@ def shipped(problem: OptimalControlProblem) -> tuple[NearestPlanner, list[Contes
         record = planner.details
         contestants.append(Contestant(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
     for name in study.learners:
+        if name not in moe_policy.available(problem.id):
+            log(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
+            continue
         policy = moe_policy.load(problem.id, name)
         training = json.loads((ROOT / "results" / f"training_{name}_{problem.id}.json").read_text())
         contestants.append(Contestant(name, policy, steps(training["steps"]), training["seconds"]))
@@ -71,7 +76,7 @@ def shipped(problem: OptimalControlProblem) -> tuple[NearestPlanner, list[Contes
 
 
 def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[NearestPlanner, list[Contestant], Any]:
-    """Everything made anew: data, planners and a reinforcement learner at a small budget."""
+    """Everything made anew: data, planners and, where the study has a short budget, a reinforcement learner."""
     study, databases = study_of(problem), {}
     for name in splits_of(problem):
         split, began = split_of(problem, name), time.perf_counter()
@@ -87,7 +92,8 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
     nearest = NearestPlanner(samples)
     contestants = [Contestant("nearest", nearest, solutions(len(samples)))]
     for name in study.compared:
-        planner: Any = recipes.make(name, samples, settings=study.settings, seed=seed)
+        with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+            planner: Any = recipes.make(name, samples, settings=study.settings, seed=seed, executor=pool)
         planner.save(folder / name)
         seconds = planner.details["training"]["seconds"]
         log(f"{name}: trained in {seconds:.0f} s")

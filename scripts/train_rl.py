@@ -8,8 +8,9 @@ training curve and search to ``results/training_<algorithm>_<env-id>.json``. Unt
     python scripts/train_rl.py
     python scripts/train_rl.py --trial "discount 0.98" --set gamma=0.98 steps=60000
 
-A trial of the search for settings ships nothing: it is added to ``results/search_<algorithm>_<env-id>.json``, whether
-stopped or not, and the recorded run repeats that list next to its curve.
+Other seeds (``--set seed=1``) are recorded as ``..._seed1.json`` and not shipped. A trial of the search for settings
+ships nothing: it is added to ``results/search_<algorithm>_<env-id>.json``, whether stopped or not, and the recorded run
+repeats that list next to its curve.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import torch
 from tqdm import tqdm
 
 import ocp_envs
+from moe_policy import comparison
 from moe_policy.baselines import PPOSettings, RLSettings, SACSettings, TrainingRun, train
 from moe_policy.store import SHIPPED
 from moe_policy.studies import study_of
@@ -54,6 +56,13 @@ def override(problem: OptimalControlProblem, algorithm: str, texts: list[str]) -
 
 def read_search(path: Path) -> list[dict[str, Any]]:
     return json.loads(path.read_text())["trials"] if path.exists() else []
+
+
+def judge(problem: OptimalControlProblem, run: TrainingRun) -> dict[str, Any]:
+    """The chosen policy on the validation set."""
+    parameters = reference.load(problem, "validation").parameters
+    row, _ = comparison.run(problem, comparison.Contestant("learner", run.policy), parameters, batches=())
+    return {key: row[key] for key in ("reached", "success", "left_box")}
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -104,9 +113,11 @@ def main() -> None:
     run = train(problem, settings, development, on_evaluation=report, details={"development": judged_on})
     bar.close()
     if not arguments.trial:
-        run.policy.save(arguments.models / problem.id / arguments.algorithm)
-        record = {"env_id": problem.id, **record_of(run), "search": earlier}
-        write_json(arguments.results / f"training_{name}.json", record)
+        record = {"env_id": problem.id, **record_of(run), "validation": judge(problem, run), "search": earlier}
+        if settings.seed == 0:
+            run.policy.save(arguments.models / problem.id / arguments.algorithm)
+        suffix = f"_seed{settings.seed}" if settings.seed else ""
+        write_json(arguments.results / f"training_{name}{suffix}.json", record)
     best = run.best
     print(f"best after {best.steps} steps: success {best.success} of {len(development)}, mean cost {best.cost}")
 

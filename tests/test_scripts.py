@@ -17,7 +17,7 @@ import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy import comparison, recipes
+from moe_policy import comparison
 from moe_policy.baselines import SACSettings
 from moe_policy.fitting import TrainingSettings
 from moe_policy.reporting import text_table
@@ -170,9 +170,9 @@ def test_compare_makes_everything_anew(script, run, monkeypatch, tmp_path):
     module = script("compare_rl_vs_moe")
     with_tiny_splits(monkeypatch, module)
     monkeypatch.setattr(module, "ROOT", tmp_path)
-    monkeypatch.setattr(recipes, "make", functools.partial(recipes.make, settings=QUICK))
     short = SACSettings(steps=400, learning_starts=200, n_envs=4, hidden=(8, 8), evaluate_every=200)
-    monkeypatch.setattr(module, "LEARNERS", {"sac": short})
+    study = dataclasses.replace(module.study_of(PENDULUM), settings=QUICK, short_learners={"sac": short})
+    monkeypatch.setattr(module, "study_of", lambda problem: study)
     run(module, "--train", "--results", tmp_path / "results")
     record = read(tmp_path / "results" / "compare_trained_PendulumSwingup-v0.json")
     assert record["cases"] == 12
