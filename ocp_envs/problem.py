@@ -33,8 +33,9 @@ from ocp_envs.trajectory import Trajectory, flat_size
 CostRate = Callable[[Sequence[Any], Sequence[Any], SimpleNamespace, SimpleNamespace], Any]
 #: (state, context, constants) → list of expressions that must stay ≥ 0, in metres where they are distances.
 Clearance = Callable[[Sequence[Any], SimpleNamespace, SimpleNamespace], Sequence[Any]]
-#: (problem, trajectories of B, multipliers of the clearances at the knots (B, N, nh)) → mode of each, (B,) integers.
-Classify = Callable[["OptimalControlProblem", Trajectory, Array], NDArray[np.int64]]
+#: (problem, parameters (B, np), trajectories of B, multipliers of the clearances at the knots (B, N, nh)) → mode of
+#: each, (B,) integers.
+Classify = Callable[["OptimalControlProblem", Array, Trajectory, Array], NDArray[np.int64]]
 
 BOX_TOLERANCE = 1e-6
 
@@ -78,14 +79,18 @@ class Modes:
         return len(self.names)
 
 
-def _single_mode(problem: OptimalControlProblem, trajectory: Trajectory, multipliers: Array) -> NDArray[np.int64]:
+def _single_mode(
+    problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array
+) -> NDArray[np.int64]:
     return np.zeros(len(trajectory), dtype=np.int64)
 
 
 def winding_modes(names: Sequence[str]) -> Modes:
     """One mode for each winding of the goal: the target nearest to the final state."""
 
-    def classify(problem: OptimalControlProblem, trajectory: Trajectory, multipliers: Array) -> NDArray[np.int64]:
+    def classify(
+        problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array
+    ) -> NDArray[np.int64]:
         distance = np.abs(trajectory.states[:, -1, None, :] - problem.targets).sum(axis=-1)
         return np.asarray(distance.argmin(axis=1), dtype=np.int64)
 

@@ -43,9 +43,11 @@ def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNames
 _BY_WINDING = winding_modes([f"theta_f = {2 * k} pi" for k in WINDINGS])
 
 
-def _classify(problem: OptimalControlProblem, trajectory: Trajectory, multipliers: Array) -> NDArray[np.int64]:
+def _classify(
+    problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array
+) -> NDArray[np.int64]:
     forwards = trajectory.states[:, :, 3].mean(axis=1) >= 0
-    return 2 * _BY_WINDING.classify(problem, trajectory, multipliers) + forwards
+    return 2 * _BY_WINDING.classify(problem, parameters, trajectory, multipliers) + forwards
 
 
 MODES = Modes(tuple(f"{name}, {way}" for name in _BY_WINDING.names for way in ("backwards", "forwards")), _classify)
