@@ -130,7 +130,8 @@ def contents(database: Database) -> Contents:
         trajectory = Trajectory.from_flat(rows.z[row, mode], *sizes)
         parameters = database.stored_parameters(where)[row]
         failing += int((~verify(problem, parameters, trajectory, rows.cost[row, mode]).passed).sum())
-        misfiled += int((problem.modes.classify(problem, trajectory, rows.multipliers[row, mode]) != mode).sum())
+        filed = problem.modes.classify(problem, parameters, trajectory, rows.multipliers[row, mode])
+        misfiled += int((filed != mode).sum())
         killed += int(np.minimum(rows.failures, rows.fallbacks)[there].sum())
         count = full.sum(axis=1)
         modes_found += np.bincount(count[there], minlength=modes + 1)

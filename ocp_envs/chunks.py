@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args
 
 import cloudpickle
 import numpy as np
@@ -39,6 +40,7 @@ class GenerationSettings:
         cold: guesses for each winding in later rounds, beside the warm starts.
         chunk: problems of a task.
         solver: settings of the solves.
+        guess: kind of the guesses for a winding after the first, which is a line; see :data:`~ocp_envs.guesses.Kind`.
     """
 
     first: int = 200
@@ -49,6 +51,7 @@ class GenerationSettings:
     cold: int = 0
     chunk: int = 100
     solver: SolverSettings = field(default_factory=SolverSettings)
+    guess: Kind = "drift"
 
     def __post_init__(self) -> None:
         least = {"first": 1, "starts": 1, "neighbours": 1, "lookaround": 1, "cold": 0, "chunk": 1}
@@ -57,6 +60,15 @@ class GenerationSettings:
                 raise ValueError(f"{name} must be at least {value}, got {getattr(self, name)}")
         if not self.margin >= 0:
             raise ValueError(f"margin must be at least 0, got {self.margin}")
+        if self.guess not in get_args(Kind):
+            raise ValueError(f"guess must be one of {get_args(Kind)}, got {self.guess!r}")
+
+    def record(self) -> dict[str, Any]:
+        """As JSON, the way databases carry it; a field that came later is left out at its default."""
+        record = dataclasses.asdict(self)
+        if self.guess == "drift":
+            del record["guess"]
+        return record
 
 
 DEFAULT = GenerationSettings()
@@ -115,7 +127,7 @@ def solve_chunk(task: Task) -> Rows:
     for rows, found in _multistart(problem, solver, task):
         owner.append(rows)
         solutions.append(found)
-    return _rows(problem, len(task.parameters), np.concatenate(owner), Solutions.concatenate(solutions))
+    return _rows(problem, task.parameters, np.concatenate(owner), Solutions.concatenate(solutions))
 
 
 def _start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
@@ -135,7 +147,7 @@ def _multistart(
     reached = np.zeros(len(rows), dtype=bool)
     rng = np.random.default_rng(task.seed)
     for attempt in range(task.cold.max(initial=0)):
-        kind: Kind = "line" if attempt == 0 else "drift"
+        kind: Kind = "line" if attempt == 0 else task.settings.guess
         guess = guesses(problem, task.parameters[rows], windings, rng, kind)
         open_ = np.flatnonzero((reached | (attempt < PATIENCE)) & (attempt < task.cold[rows]))
         if not len(open_):
@@ -145,11 +157,12 @@ def _multistart(
         yield rows[open_], found
 
 
-def _rows(problem: OptimalControlProblem, size: int, owner: NDArray[np.int64], solutions: Solutions) -> Rows:
+def _rows(problem: OptimalControlProblem, parameters: Array, owner: NDArray[np.int64], solutions: Solutions) -> Rows:
     """What the solves of a chunk give its rows."""
+    size = len(parameters)
     order = np.argsort(owner, kind="stable")
     groups = np.split(order, np.searchsorted(owner[order], np.arange(1, size)))
-    best = [best_per_mode(problem, solutions[group]) for group in groups]
+    best = [best_per_mode(problem, p, solutions[group]) for p, group in zip(parameters, groups)]
     slots = Solutions.concatenate(best)
     shape = (size, len(problem.modes))
     failed = ~solutions.solved

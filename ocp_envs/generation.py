@@ -14,7 +14,6 @@ worker costs its chunk, a killed parent the chunks in flight, and the same call 
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import os
 import shutil
 import time
@@ -220,7 +219,7 @@ def _only_writer(path: Path) -> Iterator[None]:
 def _open_or_create(
     problem: OptimalControlProblem, path: Path, p: Array, seed: int, settings: GenerationSettings
 ) -> Database:
-    record = {"seed": seed, **dataclasses.asdict(settings)}
+    record = {"seed": seed, **settings.record()}
     if not path.exists():
         order = np.random.default_rng(seed).permutation(len(p))
         return Database.create(path, problem, p, order=order, settings=record, chunk=settings.chunk)

@@ -117,6 +117,10 @@ class OptimalControlProblem:
         hold: seconds the goal is held before success is judged; 0 where the goal cannot be held.
         time_limit: seconds after which an episode of the environment is truncated.
         picture: how to draw it, or ``None`` for plots over time only.
+        free: the problem without the path constraint. Where given, parameters are drawn uniformly *on condition* that
+            the constraint matters: start and goal are clear, h > 0, and the optimal trajectory of ``free`` is not. Its
+            parameters are some of this problem's, and ``clearance`` must accept NumPy arrays.
+        longest_substep: seconds that a Runge-Kutta step of the simulation may last.
 
     Raises:
         ValueError: parts that do not fit together, each named.
@@ -137,6 +141,8 @@ class OptimalControlProblem:
     clearance: Clearance | None = None
     modes: Modes = Modes(("all",), _single_mode)
     picture: Picture | None = None
+    free: OptimalControlProblem | None = None
+    longest_substep: float = 0.02
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rest", frozen_array(self.goal.state if self.rest is None else self.rest))
@@ -153,8 +159,21 @@ class OptimalControlProblem:
             raise ValueError(f"{self.id}: expected 0 < shortest < longest duration, got {self.duration}")
         if self.knots < 2 or self.substeps < 1:
             raise ValueError(f"{self.id}: expected knots ≥ 2 and substeps ≥ 1, got {self.knots}, {self.substeps}")
+        if not 0 < self.longest_substep < np.inf:
+            raise ValueError(f"{self.id}: longest_substep must be positive and finite, got {self.longest_substep}")
+        if self.free is not None:
+            self._check_free(self.free)
         if self.rest is not None and self.rest.shape != (nx,):
             raise ValueError(f"{self.id}: rest must have shape ({nx},), got {self.rest.shape}")
+
+    def _check_free(self, free: OptimalControlProblem) -> None:
+        unknown = sorted(set(free.parameters.names) - set(self.parameters.names))
+        if self.clearance is None or unknown or free.system.state.names != self.system.state.names:
+            raise ValueError(
+                f"{self.id}: free must be this problem without its path constraint, with the same state and parameters "
+                f"from {list(self.parameters.names)}; got {free.id} with parameters {list(free.parameters.names)}"
+                + (", and there is no path constraint" if self.clearance is None else "")
+            )
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Without what was derived and cached.

@@ -17,6 +17,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError, load
 from ocp_envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.system import Array, frozen_array
+from ocp_envs.tables import starts
 
 RENDER_MODES = ("rgb_array", "human")
 
@@ -114,7 +115,14 @@ class Settings:
         return gym.spaces.Box(box.lower.astype(np.float32), box.upper.astype(np.float32), dtype=np.float32)
 
     def draw_parameters(self, generator: np.random.Generator) -> Array:
-        """One parameter, uniform in the box, (np,)."""
+        """One parameter, (np,): uniform in the box, or where drawing takes an optimiser, from the shipped table.
+
+        Raises:
+            TableError: there is no table.
+        """
+        if self.problem.free is not None:
+            table = starts(self.problem)
+            return np.array(table[generator.integers(len(table))])
         box = self.problem.parameters
         return box.lower + generator.random(len(box)) * (box.upper - box.lower)
 

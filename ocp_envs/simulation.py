@@ -29,7 +29,6 @@ from ocp_envs.batch import BatchFunction, BoundFunction, dense_function
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.system import Array, Box
 
-LONGEST_SUBSTEP = 0.02
 _MOST_VERTICES = 2**16
 
 
@@ -110,7 +109,8 @@ class Simulator:
     Args:
         problem: what to simulate; ``problem.with_constants(...)`` for a mismatch.
         dt: length of a tick in seconds.
-        substeps: Runge-Kutta steps within a tick; by default as many as keep each below 0.02 s.
+        substeps: Runge-Kutta steps within a tick; by default as many as keep each below the problem's
+            ``longest_substep``.
 
     Raises:
         ValueError: a ``dt`` that is not positive and finite, or fewer than one substep.
@@ -123,7 +123,7 @@ class Simulator:
             raise ValueError(f"{problem.id}: expected at least one substep, got {substeps}")
         self.problem = problem
         self.dt = float(dt)
-        self.substeps = substeps or max(1, math.ceil(dt / LONGEST_SUBSTEP - 1e-9))
+        self.substeps = substeps or max(1, math.ceil(dt / problem.longest_substep - 1e-9))
 
     @cached_property
     def _plain(self) -> BatchFunction:

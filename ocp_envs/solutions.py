@@ -121,12 +121,13 @@ def collect(
     return solutions
 
 
-def best_per_mode(problem: OptimalControlProblem, solutions: Solutions) -> Solutions:
-    """The cheapest of several solutions of one parameter in each mode: one row per mode, EMPTY where there is none."""
+def best_per_mode(problem: OptimalControlProblem, parameters: Array, solutions: Solutions) -> Solutions:
+    """The cheapest of several solutions of one parameter (np,) in each mode: one row per mode, EMPTY where none is."""
     found = np.flatnonzero(solutions.solved)
     modes = np.full(len(solutions), -1)
     if len(found):
-        modes[found] = problem.modes.classify(problem, solutions.trajectory[found], solutions.multipliers[found])
+        p = np.repeat(parameters[None], len(found), axis=0)
+        modes[found] = problem.modes.classify(problem, p, solutions.trajectory[found], solutions.multipliers[found])
     # A stable order: of equal costs the earlier solve wins.
     order = np.argsort(solutions.cost, kind="stable")
     rows = [next((i for i in order if modes[i] == mode), -1) for mode in range(len(problem.modes))]

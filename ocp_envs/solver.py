@@ -182,6 +182,6 @@ def solve(
     solutions = solver.solve(
         np.tile(repeated, (starts, 1)), Trajectory.concatenate(tried), np.tile(windings, starts), persist=False
     )
-    modes = best_per_mode(problem, solutions)
+    modes = best_per_mode(problem, parameters[0], solutions)
     status = Status.SOLVED if solutions.solved.any() else Status(int(solutions.status[0]))
     return Solution(parameters[0], modes, status)

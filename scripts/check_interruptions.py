@@ -167,7 +167,7 @@ def make(problem: OptimalControlProblem, split: Split, path: Path, workers: int 
 def check_reference(problem: OptimalControlProblem, split: Split, path: Path) -> Database:
     """The complete database at ``path``, made as ``split`` says."""
     database = Database.open(path, problem)
-    record = {"seed": split.seed, **dataclasses.asdict(split.settings)}
+    record = {"seed": split.seed, **split.settings.record()}
     same = database.settings == record and np.array_equal(database.parameters, split.parameters(problem))
     if not (same and database.complete):
         raise DatabaseError(

@@ -113,7 +113,8 @@ def test_every_problem_is_solved_and_every_trajectory_passes_the_check(whole):
     np.testing.assert_array_equal(np.isfinite(rows.cost), rows.slot_status == Status.SOLVED)
     plans = Trajectory.from_flat(rows.z[row, mode], PENDULUM.knots, 2, 1)
     assert verify(PENDULUM, whole.parameters[row], plans, rows.cost[row, mode]).passed.all()
-    np.testing.assert_array_equal(PENDULUM.modes.classify(PENDULUM, plans, rows.multipliers[row, mode]), mode)
+    found = PENDULUM.modes.classify(PENDULUM, whole.parameters[row], plans, rows.multipliers[row, mode])
+    np.testing.assert_array_equal(found, mode)
 
 
 def test_warm_starts_find_what_mirrored_problems_have(tmp_path, unguarded):

@@ -128,7 +128,8 @@ def test_modes_of_the_pendulum_are_its_windings():
     states = np.zeros((3, knots, 2))
     states[:, -1, 0] = [-np.pi, np.pi + 1e-4, 3 * np.pi]
     trajectory = Trajectory(states, np.zeros((3, knots - 1, 1)), np.ones(3))
-    assert PENDULUM.modes.classify(PENDULUM, trajectory, np.zeros((3, knots, 0))).tolist() == [0, 1, 2]
+    p, multipliers = np.zeros((3, 2)), np.zeros((3, knots, 0))
+    assert PENDULUM.modes.classify(PENDULUM, p, trajectory, multipliers).tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("p", [[1.0], [1.0, 2.0, 3.0], [[[1.0, 2.0]]]])
@@ -197,4 +198,5 @@ def test_modes_of_the_vehicle_are_winding_times_direction():
     states[:, -1, 2] = [-2 * np.pi, 0, 0, 2 * np.pi]
     states[:, :, 3] = np.array([1.0, -1.0, 1.0, -1.0])[:, None]
     trajectory = Trajectory(states, np.zeros((4, VEHICLE.knots - 1, 2)), np.ones(4))
-    assert VEHICLE.modes.classify(VEHICLE, trajectory, np.zeros((4, VEHICLE.knots, 0))).tolist() == [1, 2, 3, 4]
+    p, multipliers = np.zeros((4, 4)), np.zeros((4, VEHICLE.knots, 0))
+    assert VEHICLE.modes.classify(VEHICLE, p, trajectory, multipliers).tolist() == [1, 2, 3, 4]

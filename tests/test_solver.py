@@ -171,7 +171,7 @@ def test_windings_are_reached_and_minus_one_takes_the_nearest(pendulum):
     given = pendulum.solve(p, tried, windings)
     assert (given.status == Status.SOLVED).all()
     np.testing.assert_allclose(given.trajectory.states[:, -1], PENDULUM.targets, atol=1e-4)
-    np.testing.assert_array_equal(PENDULUM.modes.classify(PENDULUM, given.trajectory, given.multipliers), windings)
+    np.testing.assert_array_equal(PENDULUM.modes.classify(PENDULUM, p, given.trajectory, given.multipliers), windings)
     np.testing.assert_array_equal(pendulum.solve(p, tried, np.full(3, -1)).cost, given.cost)
 
 
@@ -317,7 +317,7 @@ def test_solve_finds_every_mode():
 
 def test_a_mode_that_was_not_found_is_empty(pendulum):
     found = pendulum.solve(*line(PENDULUM, [[np.pi - 0.5, 0.0]] * 2, 1))
-    best = best_per_mode(PENDULUM, found)
+    best = best_per_mode(PENDULUM, np.array([np.pi - 0.5, 0.0]), found)
     np.testing.assert_array_equal(best.status, [Status.EMPTY, Status.SOLVED, Status.EMPTY])
     np.testing.assert_array_equal(np.isfinite(best.cost), best.solved)
     np.testing.assert_array_equal(best.trajectory.finite, best.solved)

@@ -15,20 +15,26 @@ T is their sum, k the ratio of a rotor's moment to its thrust:
     ṙ = [k (u_1 − u_2 + u_3 − u_4) + p q (I_1 − I_2)] / I_3
     L = 10 + ‖v‖² + 0.1 ‖(φ, θ, ψ)‖² + ‖(p, q, r)‖² + ‖u‖²
 
-The obstacle problem is the same system with a sphere as context: ‖(x, y, z) − (cx, cy, cz)‖ ≥ radius.
+The obstacle problem is the same system with a sphere as context: ‖(x, y, z) − (cx, cy, cz)‖ ≥ radius. Its parameters
+are drawn where the sphere is in the way: start and goal outside, the optimal trajectory of the free problem through it.
+Its modes are the signs of the gradient of the active constraint: of the vector from the centre to the point of contact,
+averaged over the knots with the multipliers of the constraint as weights.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
-from ocp_envs.problem import Goal, OptimalControlProblem
-from ocp_envs.system import Box, Coordinate, System
+from ocp_envs.problem import Goal, Modes, OptimalControlProblem
+from ocp_envs.system import Array, Box, Coordinate, System
+from ocp_envs.trajectory import Trajectory
 
 CONSTANTS = {
     "mass": 0.5,
@@ -42,6 +48,11 @@ CONSTANTS = {
 HOVER_THRUST = CONSTANTS["mass"] * CONSTANTS["gravity"] / 4
 #: Diagonal of the state weight Q, in the paper's order (position, velocity, angles, rates).
 STATE_WEIGHTS = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0)
+#: Multipliers of the obstacle below this share of the largest count as zero.
+NEGLIGIBLE = 1e-6
+#: No multiplier above this, in cost per metre: the constraint is nowhere active. An interior-point method leaves about
+#: 1e-5 at a knot that is clear of the sphere, and 0.01 to 10 at one that touches it.
+INACTIVE = 1e-4
 
 
 def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -> list[Any]:
@@ -74,7 +85,39 @@ def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNames
 
 def clearance(state: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> list[Any]:
     x, y, z = state[:3]
-    return [ca.sqrt((x - context.cx) ** 2 + (y - context.cy) ** 2 + (z - context.cz) ** 2 + 1e-12) - context.radius]
+    # A power, not ca.sqrt: the sampler calls this with NumPy arrays.
+    return [((x - context.cx) ** 2 + (y - context.cy) ** 2 + (z - context.cz) ** 2 + 1e-12) ** 0.5 - context.radius]
+
+
+def contact(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Array:
+    """Mean vector from the centre to the point of contact, (B, 3); to the closest knot where no constraint is active.
+
+    Args:
+        problem: the obstacle problem.
+        parameters: (B, 7).
+        trajectory: B trajectories.
+        multipliers: of the constraint at the knots, (B, N, 1); below 1e-6 of the largest they count as zero.
+    """
+    _, context = problem.start(parameters)
+    outwards = trajectory.states[:, :, :3] - context[:, None, :3]
+    weights = multipliers[:, :, 0]
+    largest = weights.max(axis=1, keepdims=True)
+    weights = np.where(weights >= NEGLIGIBLE * largest, weights, 0.0)
+    knots = np.arange(outwards.shape[1])
+    closest = knots == np.linalg.norm(outwards, axis=2).argmin(axis=1)[:, None]
+    weights = np.where(largest > INACTIVE, weights, closest)
+    return np.asarray((weights[:, :, None] * outwards).sum(axis=1) / weights.sum(axis=1, keepdims=True))
+
+
+def _side(
+    problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array
+) -> NDArray[np.int64]:
+    positive = contact(problem, parameters, trajectory, multipliers) >= 0
+    return np.asarray(positive @ np.array([4, 2, 1]), dtype=np.int64)
+
+
+#: Signs of the components of :func:`contact`, x first.
+SIDES = Modes(tuple("".join(signs) for signs in itertools.product("-+", repeat=3)), _side)
 
 
 SYSTEM = System(
@@ -128,4 +171,6 @@ QUADCOPTER_OBSTACLE = OptimalControlProblem(
     hold=5.0,
     time_limit=20.0,
     clearance=clearance,
+    modes=SIDES,
+    free=QUADCOPTER,
 )

@@ -1,0 +1,79 @@
+"""Tables in the package: arrays that belong to a problem, one file ``reference/<env-id>/<name>.npz`` each, no pickle."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import zipfile
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.system import Array, frozen_array
+
+FOLDER = Path(__file__).parent / "reference"
+STARTS = "starts"
+
+
+class TableError(ValueError):
+    """A table is missing, damaged or made for another problem."""
+
+
+def path_of(problem: OptimalControlProblem, name: str, folder: Path = FOLDER) -> Path:
+    """The file of a table."""
+    return folder / problem.id / f"{name}.npz"
+
+
+def save(problem: OptimalControlProblem, name: str, folder: Path = FOLDER, **arrays: ArrayLike) -> Path:
+    """Write ``arrays`` as the table ``name`` of ``problem``, in one step."""
+    target = path_of(problem, name, folder)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, temporary = tempfile.mkstemp(dir=target.parent, suffix=".npz")
+    with os.fdopen(descriptor, "wb") as file:
+        np.savez_compressed(file, fingerprint=np.array(problem.fingerprint), **arrays)  # type: ignore[arg-type]
+    os.chmod(temporary, 0o644)
+    os.replace(temporary, target)
+    return target
+
+
+def load(problem: OptimalControlProblem, name: str, folder: Path = FOLDER) -> dict[str, NDArray[np.generic]]:
+    """The arrays of the table ``name`` of ``problem``.
+
+    Raises:
+        TableError: no such file, damaged, or made for another problem.
+    """
+    path = path_of(problem, name, folder)
+    if not path.is_file():
+        raise TableError(f"no table {name!r} is shipped for {problem.id}; scripts/make_starts.py makes one")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key: np.asarray(file[key]) for key in file.files}
+        fingerprint = str(arrays.pop("fingerprint"))
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+        raise TableError(f"{path} is damaged or no table ({error})") from error
+    if fingerprint != problem.fingerprint:
+        raise TableError(
+            f"{path} was made for a problem with fingerprint {fingerprint}, {problem.id} has {problem.fingerprint}: "
+            "the problem has changed since; make the table anew with scripts/make_starts.py"
+        )
+    return arrays
+
+
+@lru_cache(maxsize=32)
+def starts(problem: OptimalControlProblem) -> Array:
+    """Parameters among which the environment of ``problem`` draws where drawing takes an optimiser, (M, np).
+
+    Raises:
+        TableError: there are none.
+    """
+    try:
+        parameters = load(problem, STARTS)["parameters"]
+    except (TableError, KeyError) as error:
+        raise TableError(
+            f"{problem.id} draws its starts from a table, and there is none to use ({error}); pass "
+            'options={"parameters": p} to reset(), or make the table'
+        ) from error
+    return frozen_array(problem.check_parameters(parameters))
