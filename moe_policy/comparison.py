@@ -135,6 +135,7 @@ def _of(key: str, form: Callable[[Any], str]) -> Callable[[Any], str]:
 
 COLUMNS = (
     Column("name", "policy"),
+    Column("reached", "reached", lambda record: str(record["count"])),
     Column("success", "success (95 % interval)", _share),
     Column("success_at_plan_end", "… at the plan's end", _share),
     Column("plan_end_error_median", "error there", ".2g"),

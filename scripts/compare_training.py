@@ -80,9 +80,8 @@ def sizes_of(study: Study, total: int) -> list[tuple[int, TrainingSettings]]:
     return [*smaller, (total, study.settings)]
 
 
-def plan(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run]:
+def plan(problem: OptimalControlProblem, study: Study, seeds: int, total: int) -> Iterator[Run]:
     """All runs, those of the first seed first."""
-    study = study_of(problem)
     for seed in range(seeds):
         for name in study.models:
             yield Run(name, seed, total, study.settings)
@@ -159,9 +158,9 @@ def row_of(name: str, records: list[dict[str, Any]]) -> dict[str, Any]:
     return row
 
 
-def assemble(problem: OptimalControlProblem, records: dict[Run, dict[str, Any]], total: int) -> dict[str, Any]:
-    study = study_of(problem)
-
+def assemble(
+    problem: OptimalControlProblem, study: Study, records: dict[Run, dict[str, Any]], total: int
+) -> dict[str, Any]:
     def collect(name: str, samples: int, settings: TrainingSettings, hidden: Any = None) -> dict[str, Any]:
         chosen = [r for r in records if (r.name, r.samples, r.settings, r.hidden) == (name, samples, settings, hidden)]
         return row_of(name, [records[r] for r in sorted(chosen, key=lambda r: r.seed)])
@@ -187,15 +186,15 @@ def draw(
     problem: OptimalControlProblem, folders: Folders, models: dict[str, Path], results: Path, record: dict[str, Any]
 ) -> dict[str, Any]:
     """The figures; ``models`` are the planners of the first seed."""
-    study, stem = study_of(problem), results / f"training_{problem.id}"
+    stem = results / f"training_{problem.id}"
     training, validation = (folders.samples(problem, name) for name in ("training", "validation"))
     partitions = {"custom": cluster(training, "custom")}
-    for name in study.models:
-        if name.startswith("moe-kmeans-") and "pca" not in name:
+    for name in models:
+        if name.startswith("moe-kmeans-"):
             k = int(name.rsplit("-", 1)[1])
             partitions[f"k-means {k}"] = cluster(training, "kmeans", k=k)
     planners: dict[str, Any] = {name: load_file(path, problem) for name, path in models.items()}
-    if study.sizes:
+    if len({row["samples"] for row in record["sizes"]}) > 1:
         figures.sizes_figure(Path(f"{stem}_sizes.png"), record["sizes"], len(validation))
     errors = {}
     for name, planner in planners.items():
@@ -257,6 +256,7 @@ def main() -> None:
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
     parser.add_argument("--seeds", type=int, default=5, help="training seeds of every model")
     parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
+    parser.add_argument("--skip-sizes", action="store_true", help="leave the smaller training sets out")
     parser.add_argument("--ship", action="store_true", help="put the models of the first seed into the package")
     parser.add_argument("--workers", type=int, help="processes; one per core by default")
     parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
@@ -267,10 +267,12 @@ def main() -> None:
     folders = Folders(arguments.data / problem.id, arguments.data / "compare_training" / problem.id)
     training = ocp_envs.Database.open(folders.data / "training.zarr", problem)
     total, data = training.totals()["solved"], training.key
-    runs = {run: run.key(data) for run in plan(problem, arguments.seeds, total)}
-    records = run_all(problem, runs, folders, arguments.workers)
-    record = assemble(problem, records, total)
     study = study_of(problem)
+    if arguments.skip_sizes:
+        study = dataclasses.replace(study, sizes={})
+    runs = {run: run.key(data) for run in plan(problem, study, arguments.seeds, total)}
+    records = run_all(problem, runs, folders, arguments.workers)
+    record = assemble(problem, study, records, total)
     models = {
         name: folders.work / "models" / runs[Run(name, 0, total, study.settings)]
         for name in study.models

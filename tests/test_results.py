@@ -1,0 +1,107 @@
+"""The committed results against what the project promises: a rerun that falls short shows here."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+RESULTS = Path(__file__).resolve().parents[1] / "results"
+
+
+def read(name):
+    return json.loads((RESULTS / f"{name}.json").read_text())
+
+
+def median_success(record, name):
+    return next(row for row in record["rows"] if row["name"] == name)["success_spread"]["median"]
+
+
+@pytest.mark.parametrize("path", sorted(RESULTS.glob("*.json")), ids=lambda path: path.stem)
+def test_every_record_says_where_it_comes_from(path):
+    """The provenance stands on top, or with each part of a record that grew in several runs."""
+    record = json.loads(path.read_text())
+    parts = record["trials"] if "trials" in record else [record] if "provenance" in record else list(record.values())
+    for part in parts:
+        assert {"date", "commit", "cores", "versions"} <= set(part["provenance"])
+
+
+# -- data --------------------------------------------------------------------------------------------------------------
+
+
+def test_the_vehicles_full_set_is_cheap():
+    record = read("generation_GroundVehicle-v0")
+    training = record["training"]
+    assert (training["problems"], training["solved"], training["resumed_from"]) == (120_009, 120_009, 0)
+    assert training["seconds"] < 15 * 60
+    assert all(split["memory"]["bound_gb"] < 4 for split in record.values())
+    assert record["validation"]["solved"] == 10_000
+
+
+def test_every_stored_trajectory_passed_the_check():
+    for split in read("data_GroundVehicle-v0")["splits"].values():
+        assert split["trajectories"] >= split["solved"] == split["size"]
+        assert (split["failing_the_check"], split["in_the_slot_of_another_mode"]) == (0, 0)
+
+
+def test_the_vehicles_classes_have_the_papers_shares():
+    """Two of 38 % and four of 6 %: within five standard errors and the paper's rounding."""
+    training = read("data_GroundVehicle-v0")["splits"]["training"]
+    shares = sorted(row["share"] for row in training["classes"])
+    assert all(abs(share - 0.06) < 0.01 for share in shares[:4])
+    assert all(abs(share - 0.38) < 0.01 for share in shares[4:])
+
+
+def test_killed_generations_end_with_equal_arrays():
+    record = read("interruptions_GroundVehicle-v0")
+    assert record["equal"]
+    assert record["chunks_written_again"] == 0
+    assert record["kills_by_kind"]["parent"] >= 3
+    assert record["chunks"] == 100
+    assert record["split"] == "validation"
+
+
+@pytest.mark.parametrize("env_id", ["PendulumSwingup-v0", "GroundVehicle-v0"])
+def test_an_exhaustive_search_finds_little_better(env_id):
+    record = read(f"data_quality_{env_id}")
+    assert record["cases"] >= 500
+    assert record["search"]["starts"] >= 40
+    assert all(way["share_worse"] < 0.02 for way in record["ways"].values())
+
+
+@pytest.mark.parametrize("env_id", ["PendulumSwingup-v0", "GroundVehicle-v0"])
+def test_the_solver_beats_plain_opti(env_id):
+    record = read(f"benchmark_solver_{env_id}")
+    assert record["warm"]["ratio_to_the_better"] > 4
+
+
+# -- learning ----------------------------------------------------------------------------------------------------------
+
+
+def test_pendulum_models_reach_the_papers_successes():
+    record = read("compare_training_PendulumSwingup-v0")
+    for name, floor in (("moe-custom", 998), ("moe-kmeans-4", 1000), ("moe-kmeans-10", 1000)):
+        assert median_success(record, name) >= floor, name
+
+
+def test_vehicle_models_reach_the_papers_successes():
+    record = read("compare_training_GroundVehicle-v0")
+    for name, floor in (("moe-custom", 9_975), ("moe-kmeans-6", 9_413), ("moe-kmeans-10", 9_950)):
+        row = next(row for row in record["rows"] if row["name"] == name)
+        assert len(row["seeds"]) >= 3
+        assert row["success_spread"]["median"] >= floor, name
+    sizes = {(row["name"], row["samples"]) for row in record["sizes"]}
+    assert {(name, size) for name in ("snn", "moe-custom") for size in (3_000, 10_000, 30_000, 120_009)} <= sizes
+
+
+def test_every_failure_on_the_vehicle_has_a_cause():
+    record = read("failures_GroundVehicle-v0_moe-custom")
+    comparison = read("compare_GroundVehicle-v0")
+    mixture = next(row for row in comparison["rows"] if row["name"] == "moe-custom")
+    assert len(record["failures"]) == mixture["success"]["total"] - mixture["success"]["count"]
+    assert {failure["cause"] for failure in record["failures"]} <= {"gate", "expert", "tracker", "data"}
+
+
+def test_rollouts_are_fast():
+    record = read("benchmark_rollout_GroundVehicle-v0")
+    assert record["episodes"] == 10_000
+    assert record["batched_seconds"]["whole"] < 20
