@@ -1,4 +1,8 @@
-"""Chunks of problems, and how a worker solves one: warm starts first, then random guesses to every winding."""
+"""Chunks of problems, and how a worker solves one: warm starts first, then random guesses to every winding.
+
+Where the first solver does not get on from a guess, another guess is mostly better than the second solver. A problem
+that none of them solves gets it in the end.
+"""
 
 from __future__ import annotations
 
@@ -127,6 +131,10 @@ def solve_chunk(task: Task) -> Rows:
     for rows, found in _multistart(problem, solver, task):
         owner.append(rows)
         solutions.append(found)
+    solved = np.concatenate([rows[found.solved] for rows, found in zip(owner, solutions)])
+    rows, found = _last_resort(problem, solver, task, np.setdiff1d(np.arange(len(task.parameters)), solved))
+    owner.append(rows)
+    solutions.append(found)
     return _rows(problem, task.parameters, np.concatenate(owner), Solutions.concatenate(solutions))
 
 
@@ -155,6 +163,16 @@ def _multistart(
         found = solver.solve(task.parameters[rows[open_]], guess[open_], windings[open_], persist=False)
         reached[open_] |= found.solved
         yield rows[open_], found
+
+
+def _last_resort(
+    problem: OptimalControlProblem, solver: GuardedSolver, task: Task, rows: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], Solutions]:
+    """Rows without any solution: from a line to every winding, with the second solver where the first is stuck."""
+    targets = len(problem.targets)
+    owner, windings = np.repeat(rows, targets), np.tile(np.arange(targets), len(rows))
+    line = guesses(problem, task.parameters[owner], windings, np.random.default_rng(task.seed), "line")
+    return owner, solver.solve(task.parameters[owner], line, windings, persist=True)
 
 
 def _rows(problem: OptimalControlProblem, parameters: Array, owner: NDArray[np.int64], solutions: Solutions) -> Rows:

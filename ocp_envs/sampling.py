@@ -25,14 +25,12 @@ from ocp_envs.solver import GuardedSolver
 from ocp_envs.system import Array
 from ocp_envs.workers import WorkerPool
 
-#: An interpolated path decides where the clearance is further from 0 than this many times the table's largest error.
-SAFETY = 2.0
 #: Rows of a task.
 _CHUNK = 2_000
 #: Draws at once for one row, the first time; twice as many each time after that.
 _FIRST_DRAWS, _MOST_DRAWS = 64, 4096
 #: Draws after which a row is given up.
-_PATIENCE = 10**8
+_PATIENCE = 10**7
 
 
 def sample(problem: OptimalControlProblem, seed: int, n: int, *, workers: int | None = 1) -> Array:
@@ -124,26 +122,26 @@ class Conditioned:
         """Rows ``begin`` … ``end`` of the sample, (end − begin, np)."""
         rows, (own, _) = np.arange(begin, end), self._columns
         box = self.problem.parameters
-        unit = np.array([self._stream(row).random(len(own)) for row in rows])
+        unit = np.array([self._stream(row).random(len(own)) for row in rows.tolist()])
         free = box.lower[own] + unit * (box.upper - box.lower)[own]
         p, unsure = np.empty((len(rows), len(box))), np.ones(len(rows), bool)
         if self.table is not None:
-            paths = free_paths.dense(self.table(free))
-            unsure = ~self._accept(p, np.arange(len(rows)), rows, free, paths, SAFETY * self.table.error)
+            paths, difference = self.table(free)
+            unsure = ~self._accept(p, np.arange(len(rows)), rows, free, paths, self.table.tolerance(difference))
         at = np.flatnonzero(unsure)
         if len(at):
             solved = free_paths.solve_free(self.problem, free[at], self._solver)
             paths = free_paths.dense(free_paths.spines(self.problem, solved))
-            self._accept(p, at, rows[at], free[at], paths, 0.0)
+            self._accept(p, at, rows[at], free[at], paths, np.zeros(len(at)))
         return p
 
     def _accept(
-        self, p: Array, at: NDArray[np.int64], rows: NDArray[np.int64], free: Array, paths: Array, tolerance: float
+        self, p: Array, at: NDArray[np.int64], rows: NDArray[np.int64], free: Array, paths: Array, tolerance: Array
     ) -> NDArray[np.bool_]:
-        """Write the accepted parameters into ``p[at]``; whether every decision was further than ``tolerance`` from 0."""
+        """Write what is accepted into ``p[at]``; whether every decision was further than ``tolerance`` from 0."""
         sure = np.ones(len(at), bool)
-        for i, (place, row) in enumerate(zip(at, rows)):
-            found = self._first(row, free[i], paths[i], tolerance)
+        for i, (place, row) in enumerate(zip(at.tolist(), rows.tolist())):
+            found = self._first(row, free[i], paths[i], tolerance[i])
             sure[i] = found is not None
             if found is not None:
                 p[place] = found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from dataclasses import dataclass
 
 from ocp_envs.generation import DEFAULT, GenerationSettings
@@ -31,9 +32,14 @@ class Split:
     grid: tuple[int, ...] | None = None
     settings: GenerationSettings = DEFAULT
 
-    def parameters(self, problem: OptimalControlProblem) -> Array:
-        """The parameters, (M, np)."""
-        return sample(problem, self.seed, self.size) if self.grid is None else grid(problem, self.grid)
+    def __len__(self) -> int:
+        return self.size if self.grid is None else math.prod(self.grid)
+
+    def parameters(self, problem: OptimalControlProblem, first: int | None = None) -> Array:
+        """The parameters, (M, np), or the ``first`` of them."""
+        if self.grid is not None:
+            return grid(problem, self.grid)[:first]
+        return sample(problem, self.seed, self.size if first is None else min(first, self.size), workers=None)
 
 
 #: A quadcopter has one optimum, and a sphere in space does not separate paths: nearly all starts end in the same one.

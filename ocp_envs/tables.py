@@ -1,4 +1,4 @@
-"""Tables in the package: arrays that belong to a problem, one file ``reference/<env-id>/<name>.npz`` each, no pickle."""
+"""Tables in the package: arrays that belong to a problem, a file ``reference/<env-id>/<name>.npz`` each, no pickle."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TIMES = (4.0, 6.0, 8.0)
 
 
-def by_duration(problem, trajectory, multipliers):
+def by_duration(problem, parameters, trajectory, multipliers):
     return np.abs(trajectory.duration[:, None] - TIMES).argmin(axis=1)
 
 

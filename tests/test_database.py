@@ -6,7 +6,7 @@ import pytest
 from ocp_envs.database import Database, DatabaseError, Rows
 from ocp_envs.nlp import Status
 from ocp_envs.problems.pendulum import PENDULUM
-from ocp_envs.sampling import grid, sample
+from ocp_envs.sampling import sample
 from tests.problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
 COUNT, CHUNK = 10, 4
@@ -51,40 +51,6 @@ def filled(empty, order):
     for chunk in range(empty.chunks):
         empty.write(chunk, part(rows, order[empty.stored_rows(chunk)]))
     return Database.open(empty.path), rows
-
-
-# -- parameters ------------------------------------------------------------------------------------------------------
-
-
-def test_a_sample_depends_on_seed_and_index_alone():
-    np.testing.assert_array_equal(sample(PENDULUM, 5, 100)[:7], sample(PENDULUM, 5, 7))
-    assert not np.allclose(sample(PENDULUM, 5, 7), sample(PENDULUM, 6, 7))
-
-
-def test_samples_are_uniform_on_the_box():
-    p, box = sample(PENDULUM, 0, 20_000), PENDULUM.parameters
-    assert box.contains(p).all()
-    unit = (p - box.lower) / (box.upper - box.lower)
-    # Five standard errors of mean, second moment and correlation of a uniform variable.
-    np.testing.assert_allclose(unit.mean(axis=0), 1 / 2, atol=5 / np.sqrt(12 * len(p)))
-    np.testing.assert_allclose((unit**2).mean(axis=0), 1 / 3, atol=5 * np.sqrt(4 / 45 / len(p)))
-    assert abs(np.corrcoef(unit.T)[0, 1]) < 5 / np.sqrt(len(p))
-
-
-def test_the_grid_has_both_ends_and_the_papers_size():
-    p, box = grid(PENDULUM, (61, 21)), PENDULUM.parameters
-    assert p.shape == (1281, 2)
-    np.testing.assert_array_equal(p[[0, -1]], [box.lower, box.upper])
-    np.testing.assert_allclose(np.diff(np.unique(p[:, 0])), 2 * np.pi / 60)
-    assert (np.diff(p[:21, 1]) > 0).all()
-
-
-@pytest.mark.parametrize(
-    "call", [lambda: sample(PENDULUM, -1, 3), lambda: grid(PENDULUM, (3,)), lambda: grid(PENDULUM, (3, 1))]
-)
-def test_bad_sizes_are_refused(call):
-    with pytest.raises(ValueError, match="expected"):
-        call()
 
 
 # -- reading and writing -----------------------------------------------------------------------------------------------

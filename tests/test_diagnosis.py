@@ -32,7 +32,7 @@ from tests.problems import DOUBLE_INTEGRATOR, rest_to_rest
 LEFT, RIGHT = 0, 1
 
 
-def sides(problem, trajectory, multipliers):
+def sides(problem, parameters, trajectory, multipliers):
     return (trajectory.states[:, 0, 0] > 0).astype(np.int64)
 
 

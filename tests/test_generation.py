@@ -149,6 +149,44 @@ def test_the_first_round_tries_every_winding(tmp_path, unguarded):
     assert set(np.concatenate(unguarded.asked)) == {0, 1, 2}
 
 
+def test_what_no_guess_solves_gets_the_second_solver_in_the_end(tmp_path, unguarded, monkeypatch):
+    """A first solver that is stuck on one problem, whatever the guess, and a second one that is not."""
+    p = sample(PENDULUM, 7, 10)
+
+    def solve(self, parameters, guesses, windings, persist=True):
+        found = Solver.solve(self, parameters, guesses, windings, persist)
+        if not persist:
+            stuck = (parameters == p[3]).all(axis=1)
+            found.status[stuck] = Status.NOT_CONVERGED
+            found._blank(stuck)
+        return found
+
+    monkeypatch.setattr(Unguarded, "solve", solve)
+    rows = generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), settings=SMALL).rows()
+    assert (rows.status == Status.SOLVED).all()
+    assert rows.solves[3] == 3 * SMALL.starts + 3
+    assert (np.delete(rows.solves, 3) <= 3 * SMALL.starts).all()
+
+
+@pytest.mark.parametrize(("guess", "kinds"), [("drift", ["line", "drift"]), ("line", ["line", "line"])])
+def test_guesses_after_the_first_are_of_the_kind_wanted(tmp_path, unguarded, monkeypatch, guess, kinds):
+    asked, made = [], chunks.guesses
+
+    def noted(problem, parameters, windings, rng, kind):
+        asked.append(kind)
+        return made(problem, parameters, windings, rng, kind)
+
+    monkeypatch.setattr(chunks, "guesses", noted)
+    settings = dataclasses.replace(SMALL, guess=guess)
+    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=settings)
+    assert asked[:2] == kinds
+
+
+def test_databases_made_before_the_kind_of_guess_was_a_setting_are_the_same_as_its_default():
+    assert set(SMALL.record()) == {f.name for f in dataclasses.fields(SMALL)} - {"guess"}
+    assert dataclasses.replace(SMALL, guess="line").record() == {**SMALL.record(), "guess": "line"}
+
+
 def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monkeypatch):
     """Too little time for any swing-up from the bottom: nothing is dropped, nothing invented."""
     hurried = dataclasses.replace(PENDULUM, duration=(0.1, 0.2))
@@ -369,7 +407,8 @@ def test_parameters_are_checked_before_anything_is_written(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "change", [{"first": 0}, {"chunk": 0}, {"starts": 0}, {"neighbours": 0}, {"cold": -1}, {"margin": -1.0}]
+    "change",
+    [{"first": 0}, {"chunk": 0}, {"starts": 0}, {"neighbours": 0}, {"cold": -1}, {"margin": -1.0}, {"guess": "wild"}],
 )
 def test_settings_are_checked(change):
     with pytest.raises(ValueError, match=f"{next(iter(change))} must be"):

@@ -16,7 +16,7 @@ def test_studies_name_what_exists(env_id):
     for name in study.models:
         with pytest.raises(TypeError, match="expected a Database"):
             recipes.make(name, object())
-    total = len(split_of(problem, "training").parameters(problem))
+    total = len(split_of(problem, "training"))
     assert all(size < total for size in study.sizes)
     assert set(study.short_learners) <= set(study.learners)
     assert all(settings.algorithm == name for name, settings in study.learners.items())

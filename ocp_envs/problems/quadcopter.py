@@ -48,6 +48,11 @@ CONSTANTS = {
 HOVER_THRUST = CONSTANTS["mass"] * CONSTANTS["gravity"] / 4
 #: Diagonal of the state weight Q, in the paper's order (position, velocity, angles, rates).
 STATE_WEIGHTS = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0)
+#: Two Runge-Kutta steps for a control period of 0.02 s. *Measured* against DOP853, the norm of the error of 0.02 s is
+#: then at most 1e-7 on optimal plans, 2.5e-6 over the middle two thirds of the boxes of state and control, and 5e-5
+#: (median 9e-7) over all of them, where the vehicle tumbles at 8 rad/s next to the singularity of its angles. One step:
+#: 1.5e-6, 4e-5, 6e-4; four: 5e-9, 1.5e-7, 3e-6, at 60 % of the speed of two.
+LONGEST_SUBSTEP = 0.01
 #: Multipliers of the obstacle below this share of the largest count as zero.
 NEGLIGIBLE = 1e-6
 #: No multiplier above this, in cost per metre: the constraint is nowhere active. An interior-point method leaves about
@@ -150,6 +155,7 @@ QUADCOPTER = OptimalControlProblem(
     substeps=3,
     hold=5.0,
     time_limit=20.0,
+    longest_substep=LONGEST_SUBSTEP,
 )
 
 QUADCOPTER_OBSTACLE = OptimalControlProblem(
@@ -170,6 +176,7 @@ QUADCOPTER_OBSTACLE = OptimalControlProblem(
     substeps=3,
     hold=5.0,
     time_limit=20.0,
+    longest_substep=LONGEST_SUBSTEP,
     clearance=clearance,
     modes=SIDES,
     free=QUADCOPTER,
