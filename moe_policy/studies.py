@@ -118,7 +118,7 @@ _VEHICLE = Study(
     },
     sizes={3_000: 640, 10_000: 350, 30_000: 200},
     sized=("snn", "moe-custom", "moe-kmeans-10"),
-    fewer_seeds=1,
+    fewer_seeds=2,
     learners={"sac": _VEHICLE_SAC, "ppo": _VEHICLE_PPO},
     stored=10_000,
 )
