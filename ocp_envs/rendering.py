@@ -8,17 +8,21 @@ from __future__ import annotations
 
 import importlib
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ocp_envs.picture import Ball, Line, Picture, Shape
+from ocp_envs.picture import Face, Line, Picture, Shape
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.space import Space
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 
-_TRAIL, _GOAL, _INK = "#3b6ea5", "#3a8f4d", "#333333"
+_TRAIL, _GOAL, _INK, _PLAN = "#3b6ea5", "#3a8f4d", "#333333", "#d1781f"
+#: zorder in the plane.
+_RANKS = {"goal": 1.5, "plan": 1.7, "trail": 1.8}
 
 
 def _matplotlib(module: str) -> Any:
@@ -28,13 +32,71 @@ def _matplotlib(module: str) -> Any:
         raise ImportError("drawing needs Matplotlib: pip install 'ocp-moe[plots]'") from error
 
 
+class Plane:
+    """Axes in the plane, with the shapes of a body and curves; :class:`~ocp_envs.space.Space` is the same in space."""
+
+    def __init__(self, figure: Any, bounds: tuple[float, float, float, float], picture: Picture) -> None:
+        self.axes = figure.add_axes(bounds)
+        self.axes.set(xlim=picture.limits[0], ylim=picture.limits[1])
+        self.axes.set_aspect("equal")
+        self.axes.set_axis_off()
+        self._artists: list[tuple[type[Shape], Any]] = []
+
+    def curve(self, rank: str, **style: Any) -> _Curve:
+        """An empty curve; ``rank`` is one of :data:`_RANKS`, ``style`` as in ``Axes.plot``."""
+        return _Curve(self.axes.plot([], [], zorder=_RANKS[rank], **style)[0])
+
+    def show(self, shapes: Sequence[Shape]) -> None:
+        """Show these shapes and no others."""
+        if [type(shape) for shape in shapes] != [kind for kind, _ in self._artists]:
+            for _, artist in self._artists:
+                artist.remove()
+            self._artists = [(type(shape), self._add(shape)) for shape in shapes]
+        else:
+            for shape, (_, artist) in zip(shapes, self._artists):
+                _move(shape, artist)
+
+    def _add(self, shape: Shape) -> Any:
+        if isinstance(shape, Line):
+            style = {"color": shape.color, "lw": shape.width, "solid_capstyle": "round", "zorder": 2}
+            return self.axes.plot(*shape.points.T, **style)[0]
+        patches = _matplotlib("patches")
+        style = {"fc": shape.color, "alpha": shape.alpha, "zorder": 2.5}
+        if isinstance(shape, Face):
+            return self.axes.add_patch(patches.Polygon(shape.points, **style))
+        return self.axes.add_patch(patches.Circle(shape.center, shape.radius, **style))
+
+
+class _Curve:
+    """A line in the plane."""
+
+    def __init__(self, artist: Any) -> None:
+        self._artist = artist
+
+    def set(self, points: Array) -> None:
+        """Go through ``points`` (n, 2) from now on."""
+        self._artist.set_data(*points.T)
+
+
+def _move(shape: Shape, artist: Any) -> None:
+    if isinstance(shape, Line):
+        artist.set_data(*shape.points.T)
+        artist.set(color=shape.color, linewidth=shape.width)
+    elif isinstance(shape, Face):
+        artist.set(xy=shape.points, facecolor=shape.color, alpha=shape.alpha)
+    else:
+        artist.set(center=shape.center, radius=shape.radius, facecolor=shape.color, alpha=shape.alpha)
+
+
 class Scene:
     """One figure that is drawn again and again; its artists are moved, not made anew.
+
+    ``scene.figure.savefig(...)`` writes what was drawn last to a file.
 
     Args:
         problem: what to draw; it must have a picture.
         window: open an interactive window instead of drawing into memory.
-        size: width and height in pixels.
+        size: width and height in pixels; the whole picture scales with it.
 
     Raises:
         ImportError: Matplotlib is missing.
@@ -46,86 +108,94 @@ class Scene:
             raise ValueError(f"{problem.id} has no picture; plot_trajectory draws it against time")
         self.problem = problem
         self.picture: Picture = problem.picture
-        self.space = len(self.picture.limits) == 3
-        dpi = 96
+        self.space = self.picture.dimensions == 3
+        inches = 5.0
         if window:
             self._pyplot = _matplotlib("pyplot")
-            self.figure = self._pyplot.figure(problem.id, figsize=(size / dpi, size / dpi), dpi=dpi)
+            self.figure = self._pyplot.figure(problem.id, figsize=(inches, inches), dpi=size / inches)
         else:
             self._pyplot = None
-            self.figure = _matplotlib("figure").Figure(figsize=(size / dpi, size / dpi), dpi=dpi)
+            self.figure = _matplotlib("figure").Figure(figsize=(inches, inches), dpi=size / inches)
             _matplotlib("backends.backend_agg").FigureCanvasAgg(self.figure)
-        self._artists: list[tuple[Shape, Any]] = []
         self._prepare()
 
     def _prepare(self) -> None:
         self.figure.set_facecolor("white")
-        projection = {"projection": "3d"} if self.space else {}
-        self.axes = self.figure.add_axes((0.02, 0.08, 0.96, 0.84), **projection)
-        limits = self.picture.limits
-        self.axes.set(xlim=limits[0], ylim=limits[1])
+        goal = self.picture.trace(self.problem.goal.state[None])
+        trail = {"color": _TRAIL, "lw": 2, "solid_capstyle": "round"}
+        plan = {"color": _PLAN, "lw": 1.6, "ls": (0, (4, 2.5))}
         if self.space:
-            self.axes.set(zlim=limits[2], xlabel="x (m)", ylabel="y (m)", zlabel="z (m)")
-            self.axes.set_box_aspect([high - low for low, high in limits])
+            self._space = Space(self.figure, (0.0, 0.07, 1.0, 0.88), self.picture)
+            self.stage: Plane | Space = self._space
+            trail["alpha"] = 0.85
+            self._ring("goal", ms=13, mew=2.2).set(goal)
+            self._plumb(_GOAL).set(self._drop(goal))
+            self._under = self._plumb(_INK)
+            self._track = self._space.curve("shadow", color="#8a8f98", lw=1.2, alpha=0.6)
         else:
-            self.axes.set_aspect("equal")
-            self.axes.set_axis_off()
-        goal = self.picture.path(self.problem.goal.state[None])[0]
-        self.axes.plot(*goal[:, None], "o", ms=20, mfc="none", mec=_GOAL, mew=2.5, zorder=1.5)
-        empty = [np.empty(0)] * len(limits)
-        (self._trail,) = self.axes.plot(*empty, color=_TRAIL, lw=2, alpha=0.55, zorder=1.8, solid_capstyle="round")
+            self.stage = Plane(self.figure, (0.02, 0.08, 0.96, 0.84), self.picture)
+            trail["alpha"] = 0.55
+            self._ring("goal", ms=20, mew=2.5).set(goal)
+        self._trail = self.stage.curve("trail", **trail)
+        self._plan = self.stage.curve("plan", **plan)
+        self._legend: Any = None
         self.figure.text(0.5, 0.965, self.problem.title, ha="center", va="center", size=11, color=_INK)
         style = {"va": "center", "size": 11, "color": _INK, "family": "monospace"}
         self._clock = self.figure.text(0.06, 0.04, "", ha="left", **style)
         self._cost = self.figure.text(0.94, 0.04, "", ha="right", **style)
+        if self.picture.caption:
+            self.figure.text(0.5, 0.925, self.picture.caption, ha="center", va="center", size=8, color="#777777")
 
-    def draw(self, states: Array, context: Array, time: float, cost: float) -> None:
-        """Show the last of ``states`` (N, nx) with the path through all of them, ``time`` in s and the cost so far."""
-        shapes = list(self.picture.body(states[-1], context))
-        fits = len(shapes) == len(self._artists) and all(
-            type(new) is type(old) for new, (old, _) in zip(shapes, self._artists)
-        )
-        if not fits:
-            for _, artist in self._artists:
-                artist.remove()
-            self._artists = [(shape, self._add(shape)) for shape in shapes]
-        else:
-            self._artists = [(shape, self._move(shape, *old)) for shape, old in zip(shapes, self._artists)]
-        path = self.picture.path(states)
+    def _ring(self, rank: str, **style: Any) -> Any:
+        return self.stage.curve(rank, ls="none", marker="o", mfc="none", mec=_GOAL, **style)
+
+    def _plumb(self, color: str) -> Any:
+        return self._space.curve("shadow", color=color, lw=0.8, ls=(0, (1, 2)))
+
+    def _drop(self, point: Array) -> Array:
+        """A line from ``point`` (1, 3) down to the floor, in pieces short enough to pass behind a sphere."""
+        return point + np.linspace(0, 1, 60)[:, None] * (self._space.drop(point) - point)
+
+    def draw(self, states: Array, context: Array, time: float, cost: float, plan: Array | None = None) -> None:
+        """Show the last of ``states`` (N, nx) with the path through all of them.
+
+        Args:
+            states: flown so far.
+            context: (nc,).
+            time: in s.
+            cost: so far.
+            plan: states (M, nx) of a plan at equal intervals of time, drawn dashed; what is not finite is left out.
+        """
+        # The shapes first: what stands around decides what hides a path in space.
+        self.stage.show(self.picture.shapes(states[-1], context))
+        path = self.picture.trace(states)
+        self._trail.set(path)
         if self.space:
-            self._trail.set_data_3d(*path.T)
-        else:
-            self._trail.set_data(*path.T)
+            self._under.set(self._drop(path[-1:]))
+            self._track.set(self._space.drop(path))
+        ahead = np.empty((0, self.picture.dimensions)) if plan is None else _smooth(self.picture.trace(plan))
+        self._plan.set(ahead)
+        if plan is not None and self._legend is None:
+            self._legend = self._add_legend()
+        if self._legend is not None:
+            self._legend.set_visible(plan is not None)
         self._clock.set_text(f"t = {time:5.2f} s")
         self._cost.set_text(f"cost = {cost:6.2f}")
 
-    def _add(self, shape: Shape) -> Any:
-        if isinstance(shape, Line):
-            return self.axes.plot(*shape.points.T, color=shape.color, lw=shape.width, solid_capstyle="round", zorder=2)[
-                0
-            ]
-        if self.space:
-            x, y, z = _sphere(shape)
-            return self.axes.plot_surface(x, y, z, color=shape.color, alpha=shape.alpha, linewidth=0)
-        circle = _matplotlib("patches").Circle(
-            shape.center, shape.radius, fc=shape.color, alpha=shape.alpha, zorder=2.5
-        )
-        return self.axes.add_patch(circle)
+    def _add_legend(self) -> Any:
+        line = _matplotlib("lines").Line2D
+        handles = [
+            line([], [], color=_TRAIL, lw=2, label="flown" if self.space else "path"),
+            line([], [], color=_PLAN, lw=1.6, ls=(0, (4, 2.5)), label="plan"),
+            line([], [], ls="none", marker="o", mfc="none", mec=_GOAL, ms=8, mew=2, label="goal"),
+        ]
+        style = {"loc": "upper left", "bbox_to_anchor": (0.01, 0.94), "frameon": False, "fontsize": 9}
+        return self.figure.legend(handles=handles, **style)
 
-    def _move(self, shape: Shape, old: Shape, artist: Any) -> Any:
-        """``artist`` of the ``old`` shape, of the same type, after it has become ``shape``."""
-        if isinstance(shape, Line):
-            if self.space:
-                artist.set_data_3d(*shape.points.T)
-            else:
-                artist.set_data(*shape.points.T)
-            artist.set(color=shape.color, linewidth=shape.width)
-        elif not self.space:
-            artist.set(center=shape.center, radius=shape.radius, facecolor=shape.color, alpha=shape.alpha)
-        elif not _same_ball(shape, old):
-            artist.remove()
-            return self._add(shape)
-        return artist
+    @property
+    def axes(self) -> Any:
+        """Matplotlib's axes."""
+        return self.stage.axes
 
     def pixels(self) -> NDArray[np.uint8]:
         """The picture as (height, width, 3)."""
@@ -144,17 +214,16 @@ class Scene:
             self._pyplot.close(self.figure)
 
 
-def _same_ball(a: Ball, b: Any) -> bool:
-    same_look = (a.radius, a.color, a.alpha) == (b.radius, b.color, b.alpha)
-    return same_look and np.array_equal(a.center, b.center)
-
-
-def _sphere(ball: Ball) -> tuple[Array, Array, Array]:
-    longitude, latitude = np.meshgrid(np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13))
-    x = ball.center[0] + ball.radius * np.cos(longitude) * np.sin(latitude)
-    y = ball.center[1] + ball.radius * np.sin(longitude) * np.sin(latitude)
-    z = ball.center[2] + ball.radius * np.cos(latitude)
-    return x, y, z
+def _smooth(points: Array, pieces: int = 8) -> Array:
+    """A smooth curve through ``points`` (n, d) at equal intervals of time: cubics, central differences as slopes."""
+    if len(points) < 3:
+        return points
+    slope = np.gradient(points, axis=0)
+    s = np.linspace(0, 1, pieces, endpoint=False)[:, None]
+    start, end = points[:-1, None], points[1:, None]
+    cubic = start + (3 * s**2 - 2 * s**3) * (end - start)
+    cubic = cubic + s * (1 - s) ** 2 * slope[:-1, None] - s**2 * (1 - s) * slope[1:, None]
+    return np.concatenate([cubic.reshape(-1, points.shape[1]), points[-1:]])
 
 
 class Film:
@@ -164,12 +233,14 @@ class Film:
         self.dt = dt
         self._states: list[list[Array]] = [[] for _ in range(rows)]
         self._cost = np.zeros(rows)
+        self._plans: list[Array | None] = [None] * rows
         self._scene: Scene | None = None
 
     def begin(self, rows: NDArray[np.int64], states: Array) -> None:
         """New episodes in ``rows`` from ``states`` (len(rows), nx)."""
         for row, state in zip(rows, states):
             self._states[row] = [state.copy()]
+            self._plans[row] = None
         self._cost[rows] = 0.0
 
     def record(self, rows: NDArray[np.int64], states: Array, cost: Array) -> None:
@@ -178,13 +249,18 @@ class Film:
             self._states[row].append(states[row].copy())
         self._cost[rows] += cost[rows]
 
+    def announce(self, rows: NDArray[np.int64], plans: Trajectory) -> None:
+        """The plans that ``rows`` follow, one each, shown until their episodes end."""
+        for row, states in zip(rows, plans.states):
+            self._plans[row] = states.copy()
+
     def _draw(self, problem: OptimalControlProblem, row: int, context: Array, window: bool) -> Scene:
         if not self._states[row]:
             raise ValueError("nothing to draw yet: call reset() before render()")
         if self._scene is None:
             self._scene = Scene(problem, window)
         time = (len(self._states[row]) - 1) * self.dt
-        self._scene.draw(np.array(self._states[row]), context, time, float(self._cost[row]))
+        self._scene.draw(np.array(self._states[row]), context, time, float(self._cost[row]), self._plans[row])
         return self._scene
 
     def frame(self, problem: OptimalControlProblem, row: int, context: Array) -> NDArray[np.uint8]:

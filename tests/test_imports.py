@@ -45,6 +45,7 @@ ORDER = (
     "ocp_envs.records",
     "ocp_envs.simulation",
     "ocp_envs.settings",
+    "ocp_envs.space",
     "ocp_envs.rendering",
     "ocp_envs.description",
     "ocp_envs.vector_env",

@@ -32,6 +32,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ocp_envs.picture import Ball, Face, Line, Picture, Shape, disc
 from ocp_envs.problem import Goal, Modes, OptimalControlProblem
 from ocp_envs.system import Array, Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory
@@ -143,6 +144,44 @@ SYSTEM = System(
 GOAL = Goal(state=np.zeros(12), radius=0.1, windings=np.zeros((1, 12), np.int64), control=np.full(4, HOVER_THRUST))
 START = tuple(Coordinate(n, -10.0, 10.0, "m") for n in ("x", "y", "z"))
 
+#: The vehicle is drawn this many times its size: 0.35 m from rotor to rotor would not be seen in a room of 24 m.
+DRAWN_SCALE = 8.0
+
+
+def attitude(state: Array) -> Array:
+    """Rotation (3, 3) from the body's axes to the world's, R_z(ψ) R_x(φ) R_y(θ); thrust acts along its third column."""
+    (s_phi, s_theta, s_psi), (c_phi, c_theta, c_psi) = np.sin(state[6:9]), np.cos(state[6:9])
+    about_z = np.array([[c_psi, -s_psi, 0.0], [s_psi, c_psi, 0.0], [0.0, 0.0, 1.0]])
+    about_x = np.array([[1.0, 0.0, 0.0], [0.0, c_phi, -s_phi], [0.0, s_phi, c_phi]])
+    about_y = np.array([[c_theta, 0.0, s_theta], [0.0, 1.0, 0.0], [-s_theta, 0.0, c_theta]])
+    return np.asarray(about_z @ about_x @ about_y)
+
+
+def _body(state: Array, context: Array) -> list[Shape]:
+    rotation, position = attitude(state), state[:3]
+    arm = DRAWN_SCALE * CONSTANTS["arm"]
+    # Rotors 1 to 4 on +x, +y, −x, −y of the body, as their moments say; the first is red, to show where x points.
+    hubs = arm * np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    mast = np.array([0.0, 0.0, 0.15 * arm])
+    shapes: list[Shape] = []
+    for hub, color in zip(hubs, ("#c8102e", *["#3f4a57"] * 3)):
+        ends = np.array([np.zeros(3), hub, hub + mast]) @ rotation.T
+        shapes.append(Line(position + ends, 2.5, "#1f2933"))
+        shapes.append(Face(disc(position + rotation @ (hub + mast), 0.55 * arm, 25, rotation), color, 0.55))
+    shapes.append(Face(disc(position, 0.25 * arm, 25, rotation), "#1f2933"))
+    if len(context):
+        shapes.append(Ball(context[:3], float(context[3]), "#b5532b", 0.45))
+    return shapes
+
+
+def _path(states: Array) -> Array:
+    return states[:, :3]
+
+
+PICTURE = Picture(
+    limits=((-12.0, 12.0),) * 3, body=_body, path=_path, caption=f"vehicle drawn {DRAWN_SCALE:g} times its size"
+)
+
 QUADCOPTER = OptimalControlProblem(
     id="Quadcopter-v0",
     title="fly a quadcopter from rest to rest",
@@ -156,6 +195,7 @@ QUADCOPTER = OptimalControlProblem(
     hold=5.0,
     time_limit=20.0,
     longest_substep=LONGEST_SUBSTEP,
+    picture=PICTURE,
 )
 
 QUADCOPTER_OBSTACLE = OptimalControlProblem(
@@ -180,4 +220,5 @@ QUADCOPTER_OBSTACLE = OptimalControlProblem(
     clearance=clearance,
     modes=SIDES,
     free=QUADCOPTER,
+    picture=PICTURE,
 )
