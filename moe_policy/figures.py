@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moe_policy.clustering import Labels, Samples
-from moe_policy.reporting import COLORS, save_figure
+from moe_policy.reporting import COLORS, cluster_color, save_figure
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.trajectory import Trajectory
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-_CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
 
 
 def _phase_labels(axes: Axes, problem: OptimalControlProblem) -> None:
@@ -59,7 +58,7 @@ def discontinuity_figure(
         axes = figure.subplots(2, 2, sharex=True, sharey=True)
         for row in rows:
             states = samples.trajectory.states[row]
-            color = _CLUSTER_COLORS[labels.values[row] % len(_CLUSTER_COLORS)]
+            color = cluster_color(labels.values[row])
             axes[0, 0].plot(states[:, 0], states[:, 1], color="#555555", linewidth=0.6)
             axes[1, 0].plot(states[:, 0], states[:, 1], color=color, linewidth=0.6)
         axes[0, 0].set_title("optimal trajectories")
@@ -82,7 +81,7 @@ def clusters_figure(path: str | os.PathLike[str], samples: Samples, partitions: 
     def draw(figure: Figure) -> None:
         axes = figure.subplots(1, len(partitions), sharex=True, sharey=True, squeeze=False)[0]
         for ax, (name, labels) in zip(axes, partitions.items()):
-            colors = [_CLUSTER_COLORS[value % len(_CLUSTER_COLORS)] for value in labels.values]
+            colors = [cluster_color(value) for value in labels.values]
             ax.scatter(p[:, 0], p[:, 1], c=colors, s=6, linewidths=0)
             ax.set_title(f"{name}: {', '.join(str(size) for size in labels.sizes)}", fontsize=7)
             ax.set_xlabel(f"{box.names[0]}, {box.coordinates[0].unit}")

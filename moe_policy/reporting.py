@@ -39,6 +39,12 @@ STYLE: dict[str, Any] = {
     "lines.linewidth": 1.6,
 }
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
+_CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
+
+
+def cluster_color(cluster: int) -> str:
+    """The colour of a cluster; they repeat after twelve."""
+    return _CLUSTER_COLORS[cluster % len(_CLUSTER_COLORS)]
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------

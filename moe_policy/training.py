@@ -107,8 +107,8 @@ def fit_mixture(
         architecture: hidden layers; by default the problem's own.
         mixing: how the planner combines its experts; training does not depend on it.
         name: name of the planner; by default ``moe-<method>``, with the number of clusters for k-means.
-        executor: trains gate and experts side by side, such as a ``ProcessPoolExecutor``; the weights do not depend
-            on it. By default they are trained one after the other, in this process.
+        executor: trains gate and experts side by side, such as a :class:`ocp_envs.workers.WorkerPool`; the weights do
+            not depend on it. By default they are trained one after the other, in this process.
 
     Raises:
         ValueError: labels of other samples, a cluster without a training sample, or unusable samples.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from moe_policy.clustering import Labels, Samples
 from moe_policy.planner import NearestPlanner
 from moe_policy.policy import Planner
-from moe_policy.reporting import COLORS, save_figure
+from moe_policy.reporting import COLORS, cluster_color, save_figure
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.system import Coordinate
 from ocp_envs.trajectory import Trajectory
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
 _INK = "#000000"
 #: Dark, so that they stand out from the thin lines in the colours of the clusters.
 _PLAN_COLORS = ("#c1121f", "#3d1a8a", "#5c4400", "#0b5d3b")
@@ -40,10 +39,6 @@ _GREEK = {"theta": "θ", "omega": "ω", "phi": "φ", "psi": "ψ", "pi": "π"}
 
 
 # -- shared parts ------------------------------------------------------------------------------------------------------
-
-
-def _color(cluster: int) -> str:
-    return _CLUSTER_COLORS[cluster % len(_CLUSTER_COLORS)]
 
 
 def _text(name: str) -> str:
@@ -160,12 +155,12 @@ def samples_figure(
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         for row in rows:
-            color = _color(int(labels.values[row]))
+            color = cluster_color(int(labels.values[row]))
             x, y = _plane_path(problem, samples.trajectory.states[row])
             axes.plot(x, y, color=color, linewidth=0.9, alpha=0.8)
             axes.plot(x[0], y[0], "o", color=color, markersize=3)
         for i, (name, size) in enumerate(zip(labels.names, labels.sizes)):
-            axes.plot([], [], color=_color(i), label=f"{_text(name)} ({size:,})")
+            axes.plot([], [], color=cluster_color(i), label=f"{_text(name)} ({size:,})")
         _finish_plane(axes, problem)
         figure.legend(loc="outside right center", title="cluster (samples)")
 
@@ -202,7 +197,10 @@ def interpolation_figure(
     def draw(figure: Figure) -> None:
         plane, history = figure.subplots(1, 2)
         lines: list[tuple[Trajectory, dict[str, Any]]] = [
-            (neighbours.trajectory[i], {"color": _color(int(mode)), "linewidth": 1.0, "alpha": 0.75, "zorder": 2})
+            (
+                neighbours.trajectory[i],
+                {"color": cluster_color(int(mode)), "linewidth": 1.0, "alpha": 0.75, "zorder": 2},
+            )
             for i, mode in enumerate(neighbours.mode)
         ]
         lines.append((optimal, {"color": _INK, "linewidth": 2.2, "zorder": 3, "label": "optimal"}))
@@ -218,7 +216,7 @@ def interpolation_figure(
         history.plot([], [], " ", label="neighbours by mode:")
         for mode, count in zip(*np.unique(neighbours.mode, return_counts=True)):
             name = f"{_text(problem.modes.names[mode])} ({count})"
-            history.plot([], [], color=_color(int(mode)), linewidth=1.0, label=name)
+            history.plot([], [], color=cluster_color(int(mode)), linewidth=1.0, label=name)
         _finish_plane(plane, problem)
         for target in problem.targets[:, index]:
             history.axhline(target, color=_INK, linestyle=":", linewidth=1.0, zorder=1)
@@ -252,7 +250,7 @@ def histories_figure(
         for i, rows in enumerate(chosen):
             batch = samples.trajectory[rows]
             for axes, states in zip(grid[:, i], np.moveaxis(batch.states, 2, 0)):
-                axes.plot(batch.times.T, states.T, color=_color(i), linewidth=0.5, alpha=0.6)
+                axes.plot(batch.times.T, states.T, color=cluster_color(i), linewidth=0.5, alpha=0.6)
             grid[0, i].set_title(f"{_text(labels.names[i])}\n({labels.sizes[i]:,})".replace(", ", "\n"), fontsize=8)
             grid[-1, i].set_xlabel("time, s")
         for j, coordinate in enumerate(coordinates):

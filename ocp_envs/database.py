@@ -279,11 +279,21 @@ class Database:
 
     def blocks(self, stop: int | None = None) -> Iterator[tuple[slice, Rows]]:
         """Stored rows 0 … ``stop`` (all by default), a few thousand at a time: memory is bounded whatever the size."""
-        end = len(self) if stop is None else stop
-        step = self.chunk * max(1, _BLOCK // self.chunk)
-        for begin in range(0, end, step):
-            rows = slice(begin, min(begin + step, end))
+        for rows in self._spans(len(self) if stop is None else stop):
             yield rows, self.stored(rows)
+
+    def _spans(self, stop: int) -> Iterator[slice]:
+        """Stored rows 0 … ``stop`` in whole chunks, a few thousand rows at a time."""
+        step = self.chunk * max(1, _BLOCK // self.chunk)
+        for begin in range(0, stop, step):
+            yield slice(begin, min(begin + step, stop))
+
+    def _blocks_of(self, places: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], Rows]]:
+        """Which of the stored rows ``places`` lie in a block, where in it, and the block; none is read in vain."""
+        for span in self._spans(len(self)):
+            wanted = np.flatnonzero((places >= span.start) & (places < span.stop))
+            if len(wanted):
+                yield wanted, places[wanted] - span.start, self.stored(span)
 
     def costs(self) -> Array:
         """The best cost of every mode of every problem, (M, modes); +inf where none was found."""
@@ -294,11 +304,10 @@ class Database:
         chosen = self._rank if indices is None else self._rank[np.asarray(indices, dtype=np.int64)]
         parts: dict[str, list[NDArray[Any]]] = {name: [] for name in _layout(self.problem)}
         place = []
-        for where, block in self.blocks():
-            wanted = np.flatnonzero((chosen >= where.start) & (chosen < where.stop))
+        for wanted, at, block in self._blocks_of(chosen):
             place.append(wanted)
             for name, part in parts.items():
-                part.append(getattr(block, name)[chosen[wanted] - where.start])
+                part.append(getattr(block, name)[at])
         back = np.argsort(np.concatenate(place))
         return Rows(**{name: np.concatenate(part)[back] for name, part in parts.items()})
 
@@ -314,10 +323,9 @@ class Database:
         problem, system, place = self.problem, self.problem.system, self._rank[index]
         z = np.empty((len(index), problem.flat_size))
         multipliers = np.empty((len(index), problem.knots, problem.n_clearances))
-        for where, block in self.blocks():
-            at = np.flatnonzero((place >= where.start) & (place < where.stop))
-            slot = place[at] - where.start, mode[at]
-            z[at], multipliers[at] = block.z[slot], block.multipliers[slot]
+        for wanted_here, at, block in self._blocks_of(place):
+            slot = at, mode[wanted_here]
+            z[wanted_here], multipliers[wanted_here] = block.z[slot], block.multipliers[slot]
         return Samples(
             problem=problem,
             parameters=self.parameters[index],

@@ -17,6 +17,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.rendering import Film
 from ocp_envs.settings import RENDER_MODES, Settings
 from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
 from ocp_envs.vector_env import VectorEnv
 
 __all__ = ["Env", "VectorEnv"]
@@ -48,7 +49,8 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
     ## Starting State
 
     The start state of ``options["parameters"]``, (np,), if given to :meth:`reset`, else of a p uniform in the parameter
-    box. ``options["extrapolate"] = True`` accepts a p outside the box.
+    box, or for a problem with a ``free`` one, of a p from its shipped table. ``options["extrapolate"] = True`` accepts
+    a p outside the box.
 
     ## Episode End
 
@@ -199,6 +201,14 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
             if self.render_mode == "human":
                 self.render()
         return self._observation(), -cost, terminated, truncated, info
+
+    def show_plan(self, plan: Trajectory) -> None:
+        """Show ``plan``, a batch of one, in the pictures of this episode; call it after :meth:`reset`.
+
+        Raises:
+            ValueError: another number of plans.
+        """
+        self._film.announce(np.array([0]), plan)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The frame (height, width, 3) in mode ``"rgb_array"``; a window in mode ``"human"``."""

@@ -49,7 +49,7 @@ class _Pool:
     """Runs tasks in worker processes of its own, or on the caller's executor."""
 
     def __init__(self, executor: Executor | None, workers: int | None) -> None:
-        self._own = WorkerPool(workers or os.cpu_count() or 1) if executor is None else None
+        self._own = WorkerPool(workers) if executor is None else None
         self._executor: Any = executor or self._own
         dask = type(executor).__module__.partition(".")[0] == "distributed"
         self._client: Any = getattr(executor, "_client", None) if dask else None

@@ -251,6 +251,8 @@ class Film:
 
     def announce(self, rows: NDArray[np.int64], plans: Trajectory) -> None:
         """The plans that ``rows`` follow, one each, shown until their episodes end."""
+        if len(plans) != len(rows):
+            raise ValueError(f"expected a plan for each of {len(rows)} rows, got {len(plans)}")
         for row, states in zip(rows, plans.states):
             self._plans[row] = states.copy()
 

@@ -39,15 +39,23 @@ def save(problem: OptimalControlProblem, name: str, folder: Path = FOLDER, **arr
     return target
 
 
-def load(problem: OptimalControlProblem, name: str, folder: Path = FOLDER) -> dict[str, NDArray[np.generic]]:
+def load(
+    problem: OptimalControlProblem, name: str, folder: Path = FOLDER, maker: str = "scripts/make_starts.py"
+) -> dict[str, NDArray[np.generic]]:
     """The arrays of the table ``name`` of ``problem``.
+
+    Args:
+        problem: the problem.
+        name: of the table.
+        folder: where the tables of all problems lie.
+        maker: what makes the table, for the messages.
 
     Raises:
         TableError: no such file, damaged, or made for another problem.
     """
     path = path_of(problem, name, folder)
     if not path.is_file():
-        raise TableError(f"no table {name!r} is shipped for {problem.id}; scripts/make_starts.py makes one")
+        raise TableError(f"no table {name!r} is shipped for {problem.id}; {maker} makes one")
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {key: np.asarray(file[key]) for key in file.files}
@@ -57,7 +65,7 @@ def load(problem: OptimalControlProblem, name: str, folder: Path = FOLDER) -> di
     if fingerprint != problem.fingerprint:
         raise TableError(
             f"{path} was made for a problem with fingerprint {fingerprint}, {problem.id} has {problem.fingerprint}: "
-            "the problem has changed since; make the table anew with scripts/make_starts.py"
+            f"the problem has changed since; make the table anew with {maker}"
         )
     return arrays
 

@@ -17,6 +17,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.rendering import Film
 from ocp_envs.settings import RENDER_MODES, Settings
 from ocp_envs.system import Array
+from ocp_envs.trajectory import Trajectory
 
 Bools = NDArray[np.bool_]
 
@@ -278,6 +279,14 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._start(rows)
         self._observe(rows)
         return self._start_info(mask)
+
+    def show_plan(self, plans: Trajectory) -> None:
+        """Show ``plans``, one for each row, in the pictures of these episodes; call it after :meth:`reset`.
+
+        Raises:
+            ValueError: another number of plans.
+        """
+        self._film.announce(self._all, plans)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A frame (height, width, 3) per row in mode ``"rgb_array"``; a window with row 0 in mode ``"human"``."""

@@ -32,13 +32,13 @@ class WorkerLostError(RuntimeError):
 
 
 class WorkerPool(Executor):
-    """An executor with ``workers`` processes, started with their first task.
+    """An executor with ``workers`` processes (one per core by default), started with their first task.
 
     A task whose worker dies ends in :class:`WorkerLostError`; the other tasks go on, and later ones get a new worker.
     """
 
-    def __init__(self, workers: int) -> None:
-        self._threads = ThreadPoolExecutor(workers, thread_name_prefix="worker")
+    def __init__(self, workers: int | None = None) -> None:
+        self._threads = ThreadPoolExecutor(workers or os.cpu_count() or 1, thread_name_prefix="worker")
         self._own = threading.local()
         self._workers: list[_Worker] = []
         self._closed = False

@@ -46,10 +46,10 @@ CHANGES: tuple[dict[str, float], ...] = (
 )
 
 
-def rows(quick: bool) -> dict[str, GenerationSettings]:
+def rows() -> dict[str, GenerationSettings]:
     """Settings by name: the thorough ones, the default, and the default with something changed."""
     named = {"thorough": THOROUGH}
-    for change in CHANGES[:2] if quick else CHANGES:
+    for change in CHANGES:
         name = ", ".join(f"{key} {value:g}" for key, value in change.items()) or "default"
         named[name] = dataclasses.replace(DEFAULT, **change)  # type: ignore[arg-type]
     return named
@@ -71,14 +71,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
     parser.add_argument("--size", type=int, default=3000, help="problems of every row")
-    parser.add_argument("--quick", action="store_true", help="three rows only")
     parser.add_argument("--results", type=Path, default=RESULTS, help="folder of the results")
     arguments = parser.parse_args()
 
     problem = ocp_envs.load(arguments.env)
     p = ocp_envs.sample(problem, SEED, arguments.size)
     costs, table = {}, {}
-    for name, settings in rows(arguments.quick).items():
+    for name, settings in rows().items():
         costs[name], table[name] = measure(problem, p, settings)
         print(f"{name}: {table[name]['problems_per_second']:.1f} problems per second", flush=True)
     best = np.min(list(costs.values()), axis=0)

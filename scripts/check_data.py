@@ -19,9 +19,8 @@ import os
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from functools import lru_cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +36,7 @@ from ocp_envs.records import provenance, write_json
 from ocp_envs.solver import GuardedSolver, SolverSettings, guesses, verify
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
+from ocp_envs.workers import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
 TOLERANCE = 1e-3
@@ -91,7 +91,7 @@ def exhaustive(problem: OptimalControlProblem, cases: Array, starts: int, worker
     store.parent.mkdir(parents=True, exist_ok=True)
     searcher(problem.id).start()  # compiles, once, before the workers ask for it
     with (
-        ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool,
+        WorkerPool(workers) as pool,
         tqdm(total=len(begins), desc="exhaustive search", unit="task", disable=None) as bar,
     ):
         tasks = {pool.submit(search, problem.id, cases[i : i + CASES_PER_TASK], starts, (SEED, i)): i for i in begins}

@@ -14,8 +14,7 @@ import json
 import os
 import threading
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from multiprocessing import get_context
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +37,7 @@ from ocp_envs.records import provenance, write_json
 from ocp_envs.splits import split_of, splits_of
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
+from ocp_envs.workers import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Starts of one share of the optimal planner's work.
@@ -92,7 +92,7 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
     nearest = NearestPlanner(samples)
     contestants = [Contestant("nearest", nearest, solutions(len(samples)))]
     for name in study.compared:
-        with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+        with WorkerPool() as pool:
             planner: Any = recipes.make(name, samples, settings=study.settings, seed=seed, executor=pool)
         planner.save(folder / name)
         seconds = planner.details["training"]["seconds"]

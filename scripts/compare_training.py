@@ -16,10 +16,9 @@ import hashlib
 import json
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import lru_cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +38,7 @@ from moe_policy.training import fit_single
 from ocp_envs.database import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
+from ocp_envs.workers import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Training samples drawn around the case where the single network interpolates.
@@ -136,7 +136,7 @@ def run_all(
 ) -> dict[Run, dict[str, Any]]:
     paths = {run: folders.work / f"{key}.json" for run, key in runs.items()}
     records = {run: json.loads(path.read_text()) for run, path in paths.items() if path.exists()}
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with WorkerPool(workers) as pool:
         futures = {
             pool.submit(execute, problem.id, run, key, folders): run for run, key in runs.items() if run not in records
         }
@@ -256,7 +256,6 @@ def main() -> None:
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
     parser.add_argument("--seeds", type=int, default=5, help="training seeds of every model")
     parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
-    parser.add_argument("--skip-sizes", action="store_true", help="leave the smaller training sets out")
     parser.add_argument("--ship", action="store_true", help="put the models of the first seed into the package")
     parser.add_argument("--workers", type=int, help="processes; one per core by default")
     parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
@@ -268,8 +267,6 @@ def main() -> None:
     training = ocp_envs.Database.open(folders.data / "training.zarr", problem)
     total, data = training.totals()["solved"], training.key
     study = study_of(problem)
-    if arguments.skip_sizes:
-        study = dataclasses.replace(study, sizes={})
     runs = {run: run.key(data) for run in plan(problem, study, arguments.seeds, total)}
     records = run_all(problem, runs, folders, arguments.workers)
     record = assemble(problem, study, records, total)

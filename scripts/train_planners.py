@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 
 import torch
@@ -20,6 +18,7 @@ import ocp_envs
 from moe_policy import recipes
 from moe_policy.store import SHIPPED
 from moe_policy.studies import study_of
+from ocp_envs.workers import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -38,7 +37,7 @@ def main() -> None:
     problem = ocp_envs.load(arguments.env)
     study = study_of(problem)
     samples = ocp_envs.Database.open(arguments.data / problem.id / "training.zarr", problem).samples()
-    with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
+    with WorkerPool(arguments.workers) as pool:
         for name in arguments.names or ("nearest", *study.models):
             began = time.perf_counter()
             chosen = samples[: study.stored] if name == "nearest" else samples

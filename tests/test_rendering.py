@@ -376,3 +376,22 @@ def test_importing_the_package_does_not_import_matplotlib():
     code = "import sys, ocp_envs; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
     assert callable(ocp_envs.plot_trajectory)
+
+
+def test_the_environments_show_a_plan_until_the_next_episode():
+    states = np.zeros((2, 25, 4))
+    states[..., 0], states[..., 1] = np.linspace(-9, 0, 25), np.linspace(5, 0, 25)
+    plans, p = Trajectory(states, np.zeros((2, 24, 2)), np.ones(2)), [-9.0, 5.0, 0.0, 0.0]
+    env = gym.make("GroundVehicle-v0", render_mode="rgb_array").unwrapped
+    envs = gym.make_vec(
+        "GroundVehicle-v0", num_envs=2, vectorization_mode="vector_entry_point", render_mode="rgb_array"
+    ).unwrapped
+    for made, shown, frame in ((env, plans[0], lambda: env.render()), (envs, plans, lambda: envs.render()[1])):
+        made.reset(options={"parameters": p})
+        before = frame()
+        made.show_plan(shown)
+        assert changed(frame(), before) > 100
+        made.reset(options={"parameters": p})
+        np.testing.assert_array_equal(frame(), before)
+        with pytest.raises(ValueError, match="expected a plan for each"):
+            made.show_plan(plans[[0, 1, 1]])

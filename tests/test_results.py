@@ -44,7 +44,7 @@ def test_every_stored_trajectory_passed_the_check():
 
 
 def test_the_vehicles_classes_have_the_papers_shares():
-    """Two of 38 % and four of 6 %: within five standard errors and the paper's rounding."""
+    """Two of 38 % and four of 6 %, each within one in a hundred problems."""
     training = read("data_GroundVehicle-v0")["splits"]["training"]
     shares = sorted(row["share"] for row in training["classes"])
     assert all(abs(share - 0.06) < 0.01 for share in shares[:4])

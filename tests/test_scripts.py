@@ -187,7 +187,7 @@ def test_compare_makes_everything_anew(script, run, monkeypatch, tmp_path):
 class OneThread(ThreadPoolExecutor):
     """In place of a pool of processes, which would not see what a test has changed."""
 
-    def __init__(self, workers, mp_context):
+    def __init__(self, workers):
         super().__init__(1)
 
 
@@ -199,7 +199,7 @@ def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeyp
     for name, value in (
         ("study_of", lambda problem: study),
         ("PAPER", dataclasses.replace(QUICK, patience=2)),
-        ("ProcessPoolExecutor", OneThread),
+        ("WorkerPool", OneThread),
     ):
         monkeypatch.setattr(module, name, value)
     copy = tmp_path / "data" / PENDULUM.id

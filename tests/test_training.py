@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import dataclasses
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -18,6 +16,7 @@ from moe_policy.planner import NetworkPlanner
 from moe_policy.scaling import Standardizer
 from moe_policy.training import Annealing, fit_mixture, fit_mixture_jointly, fit_single, retrain
 from ocp_envs.problems.quadcopter import QUADCOPTER
+from ocp_envs.workers import WorkerPool
 
 QUICK = TrainingSettings(epochs=15)
 
@@ -71,7 +70,7 @@ def test_the_scalers_see_the_training_split_only(samples):
 
 
 def test_an_executor_trains_the_same_mixture(samples, pretrained):
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+    with WorkerPool(2) as pool:
         parallel = fit_mixture(samples, cluster(samples, "custom"), settings=QUICK, executor=pool)
     here, there = pretrained.network.state_dict(), parallel.network.state_dict()
     assert list(here) == list(there)

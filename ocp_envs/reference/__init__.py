@@ -1,29 +1,28 @@
 """Shipped parameters and reference costs of the development and validation sets.
 
-One file ``<env-id>/<split>.npz`` a set, arrays without pickle: the parameters, and the best known cost of every mode.
+One table of :mod:`ocp_envs.tables` a set: the parameters, and the best known cost of every mode.
 Parameters are stored rather than drawn again, so that they stay the same whatever a library's random numbers become.
 """
 
 from __future__ import annotations
 
-import os
-import tempfile
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ocp_envs import tables
 from ocp_envs.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.system import Array
+from ocp_envs.tables import path_of
 
-FOLDER = Path(__file__).parent
 SHIPPED = ("development", "validation")
 
 
-class ReferenceDataError(ValueError):
+class ReferenceDataError(tables.TableError):
     """A reference file is missing, damaged or made for another problem."""
 
 
@@ -53,12 +52,7 @@ class Reference:
         return len(self.parameters)
 
 
-def path_of(problem: OptimalControlProblem, split: str, folder: Path = FOLDER) -> Path:
-    """The file of a set."""
-    return folder / problem.id / f"{split}.npz"
-
-
-def save(database: Database, split: str, folder: Path = FOLDER) -> Path:
+def save(database: Database, split: str, folder: Path = tables.FOLDER) -> Path:
     """Write the reference of ``database``, in one step.
 
     Raises:
@@ -70,22 +64,10 @@ def save(database: Database, split: str, folder: Path = FOLDER) -> Path:
         raise ReferenceDataError(
             f"{database.path}: {unsolved} of {len(database)} problems have no solution to refer to"
         )
-    target = path_of(database.problem, split, folder)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=target.parent, suffix=".npz")
-    with os.fdopen(descriptor, "wb") as file:
-        np.savez_compressed(
-            file,
-            parameters=database.parameters,
-            mode_costs=costs,
-            fingerprint=np.array(database.problem.fingerprint),
-        )
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, target)
-    return target
+    return tables.save(database.problem, split, folder, parameters=database.parameters, mode_costs=costs)
 
 
-def load(problem: OptimalControlProblem, split: str, folder: Path = FOLDER) -> Reference:
+def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDER) -> Reference:
     """The shipped set ``split`` of ``problem``.
 
     Raises:
@@ -96,14 +78,9 @@ def load(problem: OptimalControlProblem, split: str, folder: Path = FOLDER) -> R
         there = sorted(p.stem for p in path.parent.glob("*.npz"))
         raise ReferenceDataError(f"no reference {split!r} is shipped for {problem.id}; there are {there}")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            fingerprint = str(file["fingerprint"])
-            reference = Reference(file["parameters"], file["mode_costs"])
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
-        raise ReferenceDataError(f"{path} is damaged or no reference file ({error})") from error
-    if fingerprint != problem.fingerprint:
-        raise ReferenceDataError(
-            f"{path} was made for a problem with fingerprint {fingerprint}, {problem.id} has {problem.fingerprint}: "
-            "the problem has changed since; make the reference anew with scripts/generate_data.py --ship"
-        )
-    return reference
+        arrays: dict[str, Any] = tables.load(problem, split, folder, "scripts/generate_data.py --ship")
+        return Reference(arrays["parameters"], arrays["mode_costs"])
+    except tables.TableError as error:
+        raise ReferenceDataError(str(error)) from error
+    except KeyError as error:
+        raise ReferenceDataError(f"{path} is damaged or no reference file ({error} is missing)") from error
