@@ -90,7 +90,11 @@ def duration(seconds: float) -> str:
 
 
 def _cells(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> tuple[list[list[str]], list[bool]]:
-    """Texts with the headings first, and which columns hold numbers and are set to the right."""
+    """Texts with the headings first, and which columns hold numbers and are set to the right.
+
+    A column without any value is left out.
+    """
+    columns = [c for c in columns if not rows or any(c.cell(row) != ABSENT for row in rows)]
     cells = [[c.title for c in columns]] + [[c.cell(row) for c in columns] for row in rows]
     right = [all(not isinstance(row.get(c.key), str) for row in rows) for c in columns]
     return cells, right

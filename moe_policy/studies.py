@@ -18,10 +18,17 @@ from ocp_envs.problem import OptimalControlProblem
 
 @dataclass(frozen=True)
 class Published:
-    """The paper's figures of a model: validation error (raw smooth L1) and successes."""
+    """The paper's figures of a model, ``None`` where it gives none.
 
-    validation_error: float
-    success: int
+    Args:
+        validation_error: raw smooth L1.
+        success: number of successes.
+        violation: mean violation of the path constraint at the knots.
+    """
+
+    validation_error: float | None
+    success: int | None
+    violation: float | None = None
 
 
 @dataclass(frozen=True)
@@ -42,6 +49,8 @@ class Study:
         short_learners: the same for a comparison made anew within minutes.
         paper_settings: planners that are also trained as the paper does.
         stored: how many training problems the shipped nearest-neighbour planner keeps; all where ``None``.
+        problems: how many training problems the planners are trained on, those that were solved first; all where
+            ``None``.
     """
 
     compared: tuple[str, ...] = ("snn", "moe-custom")
@@ -56,6 +65,7 @@ class Study:
     short_learners: Mapping[str, RLSettings] = field(default_factory=dict)
     paper_settings: tuple[str, ...] = ()
     stored: int | None = None
+    problems: int | None = None
 
 
 _PENDULUM = Study(
@@ -118,12 +128,43 @@ _VEHICLE = Study(
     },
     sizes={3_000: 640, 10_000: 350, 30_000: 200},
     sized=("snn", "moe-custom", "moe-kmeans-10"),
-    fewer_seeds=2,
     learners={"sac": _VEHICLE_SAC, "ppo": _VEHICLE_PPO},
     stored=10_000,
 )
 
-STUDIES: Mapping[str, Study] = MappingProxyType({"PendulumSwingup-v0": _PENDULUM, "GroundVehicle-v0": _VEHICLE})
+_QUADCOPTER = Study(
+    compared=("snn", "moe-kmeans-4"),
+    models=("snn", "moe-kmeans-4"),
+    settings=TrainingSettings(epochs=1000, learning_rate=1e-2),
+    published={"snn": Published(4.7e-5, 1000), "moe-kmeans-4": Published(4.6e-5, 1000)},
+    stored=2_000,
+)
+
+#: Success says nothing where every plan ends at the goal: the paper counts how far trajectories enter the sphere.
+_OBSTACLE = Study(
+    compared=("snn", "moe-custom", "moe-kmeans-20"),
+    models=("snn", "moe-custom", "moe-kmeans-8", "moe-kmeans-20"),
+    settings=TrainingSettings(epochs=100, learning_rate=3e-3, batch=256, gate_batch=256),
+    published={
+        "snn": Published(0.024, None, 0.315),
+        "moe-custom": Published(0.015, None, 0.043),
+        "moe-kmeans-8": Published(None, None, 0.167),
+        "moe-kmeans-20": Published(None, None, 0.056),
+    },
+    sizes={10_000: 400, 30_000: 200},
+    sized=("snn", "moe-custom"),
+    stored=4_000,
+    problems=100_000,
+)
+
+STUDIES: Mapping[str, Study] = MappingProxyType(
+    {
+        "PendulumSwingup-v0": _PENDULUM,
+        "GroundVehicle-v0": _VEHICLE,
+        "Quadcopter-v0": _QUADCOPTER,
+        "QuadcopterObstacle-v0": _OBSTACLE,
+    }
+)
 
 
 def study_of(problem: OptimalControlProblem) -> Study:

@@ -87,4 +87,4 @@ def _violation(problem: OptimalControlProblem, trajectory: Trajectory, contexts:
         return np.zeros(len(trajectory))
     size, knots, nx = trajectory.states.shape
     (clearance,) = problem.batch_clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
-    return np.asarray(np.maximum(-clearance.reshape(size, -1).min(axis=1), 0.0))
+    return np.asarray(np.maximum(-clearance.reshape(size, knots * problem.n_clearances).min(axis=1), 0.0))

@@ -45,6 +45,8 @@ class GenerationSettings:
         chunk: problems of a task.
         solver: settings of the solves.
         guess: kind of the guesses for a winding after the first, which is a line; see :data:`~ocp_envs.guesses.Kind`.
+        fit: where at least 1, a warm start is not a neighbour's solution, but what a local linear fit through the
+            ``fit`` nearest solutions of the mode says at the problem's parameters; one for each mode that is tried.
     """
 
     first: int = 200
@@ -56,9 +58,10 @@ class GenerationSettings:
     chunk: int = 100
     solver: SolverSettings = field(default_factory=SolverSettings)
     guess: Kind = "drift"
+    fit: int = 0
 
     def __post_init__(self) -> None:
-        least = {"first": 1, "starts": 1, "neighbours": 1, "lookaround": 1, "cold": 0, "chunk": 1}
+        least = {"first": 1, "starts": 1, "neighbours": 1, "lookaround": 1, "cold": 0, "chunk": 1, "fit": 0}
         for name, value in least.items():
             if getattr(self, name) < value:
                 raise ValueError(f"{name} must be at least {value}, got {getattr(self, name)}")
@@ -70,8 +73,9 @@ class GenerationSettings:
     def record(self) -> dict[str, Any]:
         """As JSON, the way databases carry it; a field that came later is left out at its default."""
         record = dataclasses.asdict(self)
-        if self.guess == "drift":
-            del record["guess"]
+        for late in dataclasses.fields(self):
+            if late.name in ("guess", "fit") and record[late.name] == late.default:
+                del record[late.name]
         return record
 
 
@@ -139,10 +143,12 @@ def solve_chunk(task: Task) -> Rows:
 
 
 def _start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
-    """Neighbours' solutions as guesses; the first state is the problem's own."""
+    """Neighbours' solutions, or a fit through them, as guesses in the boxes; the first state is the problem's own."""
     guess = Trajectory.from_flat(z, problem.knots, problem.system.nx, problem.system.nu)
-    guess.states[:, 0] = problem.start(parameters)[0]
-    return guess
+    boxes = problem.system.state, problem.system.control
+    states, controls = (np.clip(a, b.lower, b.upper) for a, b in zip((guess.states, guess.controls), boxes))
+    states[:, 0] = problem.start(parameters)[0]
+    return Trajectory(states, controls, np.clip(guess.duration, *problem.duration))
 
 
 def _multistart(

@@ -311,13 +311,34 @@ class Database:
         back = np.argsort(np.concatenate(place))
         return Rows(**{name: np.concatenate(part)[back] for name, part in parts.items()})
 
+    def first(self, count: int | None) -> NDArray[np.int64]:
+        """The ``count`` parameters that are solved first, in their order; all where ``None``.
+
+        They are random ones, and there long before the database is complete.
+
+        Raises:
+            DatabaseError: they are not there yet.
+        """
+        rows = len(self) if count is None else min(count, len(self))
+        there = self.present()[: -(-rows // self.chunk)]
+        if not there.all():
+            raise DatabaseError(
+                f"{self.path}: {int(there.sum()) * self.chunk} of the first {rows} problems are there; generate the "
+                "others first"
+            )
+        return np.sort(self._order[:rows])
+
+    def solved(self, indices: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Those of the parameters ``indices`` that have a solution."""
+        return indices[(self._read("status") == Status.SOLVED)[self._rank[indices]]]
+
     def samples(self, indices: ArrayLike | None = None) -> Samples:
         """The best solution of every parameter in ``indices`` (all by default) that has one, in their order.
 
         Memory: the winners alone, and a few thousand rows of all modes while they are read.
         """
         wanted = np.arange(len(self)) if indices is None else np.asarray(indices, dtype=np.int64)
-        index = wanted[(self._read("status") == Status.SOLVED)[self._rank[wanted]]]
+        index = self.solved(wanted)
         cost = self.costs()[index]
         mode = np.asarray(cost.argmin(axis=1), dtype=np.int64)
         problem, system, place = self.problem, self.problem.system, self._rank[index]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,10 @@ from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 
 #: "line": straight in state space, controls that hold the goal. "rollout": the motion under random controls.
-#: "drift": such a motion with a linear drift added, so that it ends at the target.
-Kind = Literal["line", "rollout", "drift"]
+#: "drift": such a motion with a linear drift added, so that it ends at the target. "bend": the line with half a sine
+#: wave of random height added to every coordinate, normal with two scales: to pass an obstacle on all sides.
+Kind = Literal["line", "rollout", "drift", "bend"]
+_BEND = 2.0
 _PIECES = 4
 
 
@@ -35,16 +37,20 @@ def guesses(
     Raises:
         ValueError: an unknown kind.
     """
-    if kind not in ("line", "rollout", "drift"):
-        raise ValueError(f'kind must be "line", "rollout" or "drift", got {kind!r}')
+    if kind not in get_args(Kind):
+        raise ValueError(f"kind must be one of {get_args(Kind)}, got {kind!r}")
     size, knots, system = len(parameters), problem.knots, problem.system
     starts, contexts = problem.start(parameters)
     shortest, longest = problem.duration
     duration = shortest + (longest - shortest) * rng.uniform(0.5, 0.75, size)
     progress = np.linspace(0.0, 1.0, knots)[:, None]
     targets = problem.targets[windings]
-    if kind == "line":
+    if kind in ("line", "bend"):
         states = starts[:, None] + progress * (targets - starts)[:, None]
+        if kind == "bend":
+            height = rng.normal(0.0, _BEND, (size, 1, system.nx)) * system.state.scale
+            states[:, 1:-1] += (np.sin(np.pi * progress) * height)[:, 1:-1]
+            np.clip(states, system.state.lower, system.state.upper, out=states)
         return Trajectory(states, np.tile(problem.goal.control, (size, knots - 1, 1)), duration)
     controls = _random_controls(problem, size, rng)
     states = np.empty((size, knots, system.nx))

@@ -14,6 +14,10 @@ from ocp_envs.chunks import PATIENCE, GenerationSettings, Task
 from ocp_envs.database import Database
 from ocp_envs.system import Array
 
+#: Of the local fit: ridge on its slopes, and weight of the farthest neighbours beside 1 of the nearest.
+_RIDGE = 1e-3
+_LEAST_WEIGHT = 1e-3
+
 
 class Library:
     """The solutions of finished rounds, by nearest parameters.
@@ -56,14 +60,42 @@ class Library:
         owner, guess = [], []
         for mode, (tree, z) in self._by_mode.items():
             rows = np.flatnonzero(wanted[:, mode])
-            nearest = tree.query(scaled[rows], k=range(1, min(settings.neighbours, len(z)) + 1))[1]
-            owner.append(np.repeat(rows, nearest.shape[1]))
-            guess.append(z[nearest.ravel()])
+            count = min(settings.fit or settings.neighbours, len(z))
+            distance, nearest = tree.query(scaled[rows], k=range(1, count + 1))
+            if settings.fit and count > scaled.shape[1]:
+                owner.append(rows)
+                guess.append(local_fit(tree.data[nearest] - scaled[rows, None], distance, z[nearest]))
+            else:
+                nearest = nearest[:, : settings.neighbours]
+                owner.append(np.repeat(rows, nearest.shape[1]))
+                guess.append(z[nearest.ravel()])
         if not owner:
             return np.empty(0, np.int64), np.empty((0, 0), np.float32)
         every = np.concatenate(owner)
         order = np.argsort(every, kind="stable")
         return every[order], np.concatenate(guess)[order]
+
+
+def local_fit(offsets: Array, distance: Array, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Value at offset 0 of a linear function fitted to K nearest values, (B, m).
+
+    Least squares with the weights 1 − (d / d_K)² of Epanechnikov's kernel and a small ridge on the slopes, which counts
+    where the neighbours do not span all directions (Cleveland & Devlin, *Locally weighted regression*, 1988).
+
+    Args:
+        offsets: of the neighbours' parameters, (B, K, np).
+        distance: their lengths, (B, K), ascending.
+        values: (B, K, m).
+    """
+    reach = np.maximum(distance[:, -1:], np.finfo(float).tiny)
+    weights = np.maximum(1 - (distance / reach) ** 2, _LEAST_WEIGHT)
+    design = np.concatenate([np.ones((*distance.shape, 1)), offsets / reach[:, :, None]], axis=2)
+    weighted = np.swapaxes(design * weights[:, :, None], 1, 2)
+    normal = weighted @ design + _RIDGE * np.diag([0.0, *np.ones(offsets.shape[2])])
+    # The fitted constant is linear in the values: its coefficients are the first row of (DᵀWD)⁻¹ DᵀW.
+    first = np.linalg.solve(normal, np.broadcast_to(np.eye(normal.shape[1])[:, :1], (*normal.shape[:2], 1)))
+    coefficients = (np.swapaxes(first, 1, 2) @ weighted).astype(np.float32)
+    return (coefficients @ values)[:, 0]
 
 
 def rounds(database: Database, settings: GenerationSettings) -> list[range]:

@@ -43,8 +43,9 @@ class Split:
 
 
 #: A quadcopter has one optimum, and a sphere in space does not separate paths: nearly all starts end in the same one.
-#: So few solves are spent, and from lines only: fatrop hangs on the motions under random controls.
-_ONE_OPTIMUM = GenerationSettings(starts=2, neighbours=1, lookaround=1, guess="line")
+#: So few solves are spent: from a fit through neighbours, and from lines only, as fatrop hangs on the motions under
+#: random controls.
+_ONE_OPTIMUM = GenerationSettings(starts=2, neighbours=1, lookaround=1, guess="line", fit=40)
 #: The vehicle's settings are chosen from results/benchmark_generation_GroundVehicle-v0.json: on 2,000 problems a margin
 #: of 0.1 misses as many optima as 0.3 does with two thirds of the solves, and three neighbours miss none.
 _TRAINING = {
@@ -58,7 +59,7 @@ _OTHERS = {
     "validation": Split(size=1_000, seed=202, settings=THOROUGH),
 }
 _VEHICLE = GenerationSettings(neighbours=3)
-_CHECKED = GenerationSettings(starts=3, neighbours=2, lookaround=2, cold=1, guess="line")
+_CHECKED = GenerationSettings(starts=3, neighbours=1, lookaround=4, cold=1, guess="line", fit=40)
 _OF_THEIR_OWN = {
     "Quadcopter-v0": {
         "development": Split(size=1_000, seed=101, settings=_CHECKED),

@@ -71,7 +71,8 @@ class Folders:
 
     @lru_cache(maxsize=4)  # noqa: B019 - one for each process
     def samples(self, problem: OptimalControlProblem, name: str) -> Samples:
-        return ocp_envs.Database.open(self.data / f"{name}.zarr", problem).samples()
+        database = ocp_envs.Database.open(self.data / f"{name}.zarr", problem)
+        return database.samples(database.first(study_of(problem).problems) if name == "training" else None)
 
 
 def sizes_of(study: Study, total: int) -> list[tuple[int, TrainingSettings]]:
@@ -120,6 +121,8 @@ def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]
         "success": row["success"]["count"],
         "success_at_plan_end": row["success_at_plan_end"]["count"],
         "reached": row["reached"]["count"],
+        "violation": row["violation_mean"],
+        "knot_violation": row["knot_violation_mean"],
         "test_error": row["test_error"],
         "validation_error": row["validation_error"],
         "training_seconds": planner.details["training"]["seconds"],
@@ -152,9 +155,11 @@ def spread(values: list[float]) -> dict[str, float]:
 def row_of(name: str, records: list[dict[str, Any]]) -> dict[str, Any]:
     row: dict[str, Any] = {"name": name, "samples": records[0]["samples"]}
     for key in records[0].keys() - {"samples"}:
-        row[f"{key}s" if key == "seed" else key] = [r[key] for r in records]
-    for key in ("success", "success_at_plan_end", "test_error", "validation_error", "training_seconds"):
-        row[f"{key}_spread"] = spread(row[key])
+        row[f"{key}s" if key == "seed" else key] = [r.get(key) for r in records]
+    measured = ("success", "success_at_plan_end", "violation", "knot_violation", "test_error", "validation_error")
+    for key in (*measured, "training_seconds"):
+        if row.get(key, [None])[0] is not None:
+            row[f"{key}_spread"] = spread(row[key])
     return row
 
 
@@ -169,7 +174,7 @@ def assemble(
     for name in study.models:
         row = collect(name, total, study.settings)
         if published := study.published.get(name):
-            row |= {"paper_validation_error": published.validation_error, "paper_success": published.success}
+            row |= {f"paper_{key}": value for key, value in dataclasses.asdict(published).items() if value is not None}
         rows.append(row)
     for name in study.paper_settings:
         rows.append(collect(name, total, PAPER) | {"name": f"{name}, the paper's training settings"})
@@ -264,9 +269,8 @@ def main() -> None:
     began = time.perf_counter()
     problem = ocp_envs.load(arguments.env)
     folders = Folders(arguments.data / problem.id, arguments.data / "compare_training" / problem.id)
-    training = ocp_envs.Database.open(folders.data / "training.zarr", problem)
-    total, data = training.totals()["solved"], training.key
-    study = study_of(problem)
+    training, study = ocp_envs.Database.open(folders.data / "training.zarr", problem), study_of(problem)
+    total, data = len(training.solved(training.first(study.problems))), training.key
     runs = {run: run.key(data) for run in plan(problem, study, arguments.seeds, total)}
     records = run_all(problem, runs, folders, arguments.workers)
     record = assemble(problem, study, records, total)

@@ -87,12 +87,16 @@ def peak_memory(workers: int) -> dict[str, float]:
 def generate(name: str, arguments: argparse.Namespace, problem: OptimalControlProblem, client: Any) -> None:
     """Make the split called ``name``, print what came out, and ship it where that was asked for."""
     split, path = split_of(problem, name), arguments.data / problem.id / f"{name}.zarr"
-    begun = Database.open(path, problem).totals()["problems"] if path.exists() else 0
+    stored = Database.open(path, problem) if path.exists() else None
+    begun = stored.totals()["problems"] if stored else 0
+    # Drawing takes an optimiser for some problems: a database that was begun has the draws of its seed already.
+    drawn = stored is not None and len(stored.parameters) == len(split) and stored.settings["seed"] == split.seed
+    parameters = stored.parameters if stored and drawn else split.parameters(problem)
     began = time.perf_counter()
     database = ocp_envs.generate(
         problem,
         path,
-        split.parameters(problem),
+        parameters,
         executor=client.get_executor() if client else None,
         workers=arguments.workers,
         seed=split.seed,

@@ -36,7 +36,8 @@ def main() -> None:
     torch.set_num_threads(1)  # the networks are far too small for more
     problem = ocp_envs.load(arguments.env)
     study = study_of(problem)
-    samples = ocp_envs.Database.open(arguments.data / problem.id / "training.zarr", problem).samples()
+    database = ocp_envs.Database.open(arguments.data / problem.id / "training.zarr", problem)
+    samples = database.samples(database.first(study.problems))
     with WorkerPool(arguments.workers) as pool:
         for name in arguments.names or ("nearest", *study.models):
             began = time.perf_counter()

@@ -146,6 +146,20 @@ def test_a_chunk_without_status_does_not_exist(filled):
     assert again.totals()["problems"] == COUNT - CHUNK
 
 
+def test_the_first_problems_are_usable_before_the_database_is_complete(filled, order):
+    database, _ = filled
+    first = database.first(CHUNK + 1)
+    np.testing.assert_array_equal(first, np.sort(order[: CHUNK + 1]))
+    np.testing.assert_array_equal(database.first(None), np.arange(COUNT))
+    samples = database.samples(first)
+    np.testing.assert_array_equal(samples.index, database.solved(first))
+    (database.path / "status" / "c" / "1").unlink()
+    again = Database.open(database.path)
+    np.testing.assert_array_equal(again.first(CHUNK), np.sort(order[:CHUNK]))
+    with pytest.raises(DatabaseError, match=f"of the first {CHUNK + 1} problems"):
+        again.first(CHUNK + 1)
+
+
 @pytest.mark.filterwarnings("ignore:Object at .*partial")
 def test_what_an_interrupted_write_leaves_is_tolerated(filled):
     database, rows = filled

@@ -19,6 +19,7 @@ from ocp_envs.database import Database, DatabaseError
 from ocp_envs.generation import GenerationSettings, generate
 from ocp_envs.problem import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.rounds import local_fit
 from ocp_envs.sampling import sample
 from ocp_envs.solver import Solver, Status, verify
 from ocp_envs.trajectory import Trajectory
@@ -183,8 +184,39 @@ def test_guesses_after_the_first_are_of_the_kind_wanted(tmp_path, unguarded, mon
 
 
 def test_databases_made_before_the_kind_of_guess_was_a_setting_are_the_same_as_its_default():
-    assert set(SMALL.record()) == {f.name for f in dataclasses.fields(SMALL)} - {"guess"}
+    assert set(SMALL.record()) == {f.name for f in dataclasses.fields(SMALL)} - {"guess", "fit"}
     assert dataclasses.replace(SMALL, guess="line").record() == {**SMALL.record(), "guess": "line"}
+    assert dataclasses.replace(SMALL, fit=9).record() == {**SMALL.record(), "fit": 9}
+
+
+def test_a_local_fit_repeats_a_linear_function_and_weighs_the_near_ones_more():
+    rng = np.random.default_rng(0)
+    offsets = rng.normal(size=(5, 12, 3)) * 0.1
+    order = np.argsort(np.linalg.norm(offsets, axis=2), axis=1)
+    offsets = np.take_along_axis(offsets, order[:, :, None], axis=1)
+    distance = np.linalg.norm(offsets, axis=2)
+    slope, constant = rng.normal(size=(3, 4)), rng.normal(size=(5, 1, 4))
+    values = (constant + offsets @ slope).astype(np.float32)
+    np.testing.assert_allclose(local_fit(offsets, distance, values), constant[:, 0], atol=2e-3)
+    spoilt = values.copy()
+    spoilt[:, -1] += 1.0  # the farthest has next to no weight
+    np.testing.assert_allclose(local_fit(offsets, distance, spoilt), constant[:, 0], atol=5e-3)
+    # All neighbours in one place: their mean.
+    np.testing.assert_allclose(local_fit(np.zeros_like(offsets), 0 * distance, values), values.mean(1), atol=1e-5)
+
+
+def test_fitted_warm_starts_are_one_a_mode_nearer_than_the_neighbours_and_solve_the_same(tmp_path, unguarded):
+    p, found = sample(DOUBLE_INTEGRATOR, 7, COUNT), {}
+    for fit in (0, 8):
+        executor, settings = InProcess(), dataclasses.replace(SMALL, neighbours=1, fit=fit)
+        database = generate(DOUBLE_INTEGRATOR, tmp_path / f"{fit}", p, executor=executor, settings=settings)
+        task = executor.tasks[-1]
+        solved = database.stored(database.stored_rows(task.chunk))
+        distance = np.abs(task.z[:, None] - solved.z[task.owner]).mean(axis=2).min(axis=1, initial=np.inf)
+        found[fit] = database.costs().min(axis=1), np.nanmedian(np.where(np.isfinite(distance), distance, np.nan))
+        assert database.settings.get("fit", 0) == fit
+    np.testing.assert_allclose(found[8][0], found[0][0], rtol=1e-3)
+    assert found[8][1] < 0.7 * found[0][1]
 
 
 def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monkeypatch):

@@ -21,6 +21,11 @@ ROWS = [
 COLUMNS = [Column("name", "policy"), Column("success", "success", share), Column("error", "error", ".2e")]
 
 
+def test_columns_without_a_value_are_left_out():
+    assert markdown_table(ROWS, [*COLUMNS, Column("nowhere", "nothing")]) == markdown_table(ROWS, COLUMNS)
+    assert "nothing" in text_table([], [Column("nowhere", "nothing")])
+
+
 def test_markdown():
     assert markdown_table(ROWS, COLUMNS).splitlines() == [
         "| policy | success | error |",

@@ -297,6 +297,7 @@ def test_check_finds_a_plan_through_the_obstacle():
     solver, p = Solver(DISC), np.array([[-3.0, 0.3, 1.0]])
     plan = solver.solve(*line(DISC, p)).trajectory
     assert verify(DISC, p, plan).passed[0]
+    assert len(verify(DISC, p[:0], plan[:0]).passed) == 0
     check = verify(DISC, p + np.array([0, 0, 0.2]), plan)
     assert check.path[0] == pytest.approx(0.2, abs=1e-3)
     assert not check.passed[0]
