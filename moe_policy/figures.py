@@ -118,25 +118,38 @@ def error_figure(path: str | os.PathLike[str], errors: Mapping[str, tuple[Array,
 
 
 def sizes_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]], cases: int) -> Path:
-    """Success against the number of training problems: median over seeds, and their range.
+    """What goes wrong against the number of training problems: median over seeds, and their range.
+
+    Failures, or where there are path constraints, mean violations; on logarithmic scales, where no failure at all is
+    drawn as half of one.
 
     Args:
         path: file to write.
-        rows: records with ``name``, ``samples`` and the lists ``success`` and ``success_at_plan_end`` over seeds.
+        rows: records with ``name``, ``samples`` and lists over seeds: ``success`` and ``success_at_plan_end``, or
+            ``knot_violation`` and ``violation`` in metres.
         cases: validation cases.
     """
+    constrained = rows[0].get("violation", [None])[0] is not None
+    keys, titles = ("knot_violation", "violation"), ("at the knots", "on the whole path")
+    if not constrained:
+        keys, titles = ("success", "success_at_plan_end"), ("after the hold", "at the plan's end")
+        if all(row[keys[0]] == row[keys[1]] for row in rows):  # a goal that cannot be held
+            keys, titles = keys[1:], titles[1:]
+
+    def wrong(values: Sequence[float]) -> Array:
+        return np.asarray(values, float) if constrained else np.maximum(cases - np.asarray(values), 0.5)
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots(1, 2, sharex=True, sharey=True)
-        for ax, key, title in zip(axes, ("success", "success_at_plan_end"), ("after the hold", "at the plan's end")):
+        panels = figure.subplots(1, len(keys), sharex=True, sharey=True, squeeze=False)[0]
+        for ax, key, title in zip(panels, keys, titles):
             for i, name in enumerate(dict.fromkeys(row["name"] for row in rows)):
                 points = sorted((row["samples"], row[key]) for row in rows if row["name"] == name)
                 counts = np.array([size for size, _ in points])
-                values = np.array([np.quantile(v, [0, 0.5, 1]) for _, v in points]) * 100 / cases
+                values = np.array([np.quantile(wrong(v), [0, 0.5, 1]) for _, v in points])
                 ax.fill_between(counts, values[:, 0], values[:, 2], color=COLORS[i], alpha=0.2, linewidth=0)
                 ax.plot(counts, values[:, 1], "o-", color=COLORS[i], label=name, markersize=4)
-            ax.set(xscale="log", xlabel="training problems", title=title)
-        axes[0].set_ylabel("success, %")
-        axes[0].legend(loc="lower right")
+            ax.set(xscale="log", yscale="log", xlabel="training problems", title=title)
+        panels[0].set_ylabel("mean violation, m" if constrained else f"failures of {cases:,}")
+        panels[0].legend()
 
-    return save_figure(path, (8.0, 3.2), draw)
+    return save_figure(path, (4.0 * len(keys) + 0.5 * (2 - len(keys)), 3.2), draw)

@@ -65,5 +65,11 @@ def test_sizes(tmp_path):
         for size in (80, 40, 20)
     ]
     picture = pixels(figures.sizes_figure(tmp_path / "sizes.png", rows, cases=100), (8.0, 3.2))
+    same = [row | {"success_at_plan_end": row["success"]} for row in rows]
+    assert has(pixels(figures.sizes_figure(tmp_path / "one.png", same, cases=100), (4.5, 3.2)), COLORS[1])
+    none = [row | {"success": [100], "success_at_plan_end": [100]} for row in rows]
+    assert has(pixels(figures.sizes_figure(tmp_path / "none.png", none, cases=100), (4.5, 3.2)), COLORS[1])
+    entering = [row | {"violation": [0.3, 0.2], "knot_violation": [0.1, 0.2]} for row in rows]
+    assert has(pixels(figures.sizes_figure(tmp_path / "entering.png", entering, cases=100), (8.0, 3.2)), COLORS[0])
     assert has(picture, COLORS[0])
     assert has(picture, COLORS[1])

@@ -340,3 +340,19 @@ def test_quadcopter_round_an_obstacle():
     distance = np.linalg.norm(solution.trajectory.states[0, :, :3] - p[0, 3:6], axis=1)
     assert distance.min() == pytest.approx(2.0, abs=1e-4)
     assert solution.multipliers[0].max() > 0.1
+
+
+# -- guesses -----------------------------------------------------------------------------------------------------------
+
+
+def test_bent_guesses_pass_an_obstacle_on_every_side():
+    p, winding = np.tile([[-3.0, 0.3, 1.0]], (60, 1)), np.zeros(60, int)
+    bent = guesses(DISC, p, winding, np.random.default_rng(0), "bend")
+    straight = guesses(DISC, p, winding, np.random.default_rng(0), "line")
+    np.testing.assert_allclose(bent.states[:, 0], straight.states[:, 0])
+    np.testing.assert_allclose(bent.states[:, -1], straight.states[:, -1])
+    box = DISC.system.state
+    assert ((bent.states >= box.lower) & (bent.states <= box.upper)).all()
+    middle = (bent.states - straight.states)[:, DISC.knots // 2]
+    assert (middle > 0.1).any(axis=0).all()
+    assert (middle < -0.1).any(axis=0).all()
