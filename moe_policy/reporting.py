@@ -111,7 +111,7 @@ def markdown_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column])
 def text_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> str:
     """The same for a terminal, aligned with spaces."""
     cells, right = _cells(rows, columns)
-    widths = [max(len(line[i]) for line in cells) for i in range(len(columns))]
+    widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
     rule = ["-" * width for width in widths]
     lines = []
     for line in [cells[0], rule, *cells[1:]]:

@@ -23,6 +23,7 @@ COLUMNS = [Column("name", "policy"), Column("success", "success", share), Column
 
 def test_columns_without_a_value_are_left_out():
     assert markdown_table(ROWS, [*COLUMNS, Column("nowhere", "nothing")]) == markdown_table(ROWS, COLUMNS)
+    assert text_table(ROWS, [Column("nowhere", "nothing"), *COLUMNS]) == text_table(ROWS, COLUMNS)
     assert "nothing" in text_table([], [Column("nowhere", "nothing")])
 
 
