@@ -140,7 +140,7 @@ def sizes_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]
         return np.asarray(values, float) if constrained else np.maximum(cases - np.asarray(values), 0.5)
 
     def draw(figure: Figure) -> None:
-        panels = figure.subplots(1, len(keys), sharex=True, sharey=True, squeeze=False)[0]
+        panels: Any = figure.subplots(1, len(keys), sharex=True, sharey=True, squeeze=False)[0]
         for ax, key, title in zip(panels, keys, titles):
             for i, name in enumerate(dict.fromkeys(row["name"] for row in rows)):
                 points = sorted((row["samples"], row[key]) for row in rows if row["name"] == name)

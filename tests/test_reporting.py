@@ -44,10 +44,6 @@ def test_text_is_aligned():
     assert lines[2].startswith("optimal  ")
 
 
-def test_missing_keys_are_dashes():
-    assert markdown_table([{}], [Column("x", "x")]).splitlines()[-1] == "| – |"
-
-
 @pytest.mark.parametrize(
     ("seconds", "text"),
     [(3.2e-7, "0.32 µs"), (1.23e-5, "12.3 µs"), (0.00456, "4.56 ms"), (7.89, "7.89 s"), (738, "12.3 min")],
