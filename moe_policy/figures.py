@@ -134,7 +134,7 @@ def sizes_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]
     if not constrained:
         keys, titles = ("success", "success_at_plan_end"), ("after the hold", "at the plan's end")
         if all(row[keys[0]] == row[keys[1]] for row in rows):  # a goal that cannot be held
-            keys, titles = keys[1:], titles[1:]
+            keys, titles = keys[1:], titles[1:]  # type: ignore[assignment]
 
     def wrong(values: Sequence[float]) -> Array:
         return np.asarray(values, float) if constrained else np.maximum(cases - np.asarray(values), 0.5)
