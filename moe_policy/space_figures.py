@@ -1,0 +1,405 @@
+"""Figures of paths in space: samples by cluster, samples around one problem, a flip of the optimum, violations.
+
+They are those of Tang & Hauser (2019), section V-C (the quadcopter round a sphere), for any problem whose
+:class:`~ocp_envs.picture.Picture` traces a path in space. Paths are drawn as smooth curves through their knots and pass
+behind spheres as :mod:`ocp_envs.space` works it out; a path that is not finite is left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+
+from moe_policy.clustering import Labels, Samples
+from moe_policy.planner import NearestPlanner
+from moe_policy.reporting import COLORS, cluster_color, save_figure
+from moe_policy.scaling import Standardizer
+from ocp_envs.picture import Ball, Picture
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.space import Space
+from ocp_envs.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Size = tuple[float, float]
+Bounds = tuple[float, float, float, float]
+
+_INK = "#000000"
+_SPHERE: dict[str, Any] = {"color": "#9aa3ad", "alpha": 0.42}
+_PIECES = 6  # of a curve between two knots
+_ELEVATION, _TURN = 14.0, 12.0  # of the camera, degrees: above the horizon, and away from a view right from the side
+_COLORS_OF_PROGRESS = "plasma", 0.02, 0.82  # the rest of the map is too light
+
+
+# -- shared parts ------------------------------------------------------------------------------------------------------
+
+
+def _picture_of(problem: OptimalControlProblem) -> Picture:
+    if problem.picture is None or problem.picture.dimensions != 3:
+        raise ValueError(
+            f"{problem.id}: expected a problem with a picture in space; moe_policy.trajectory_figures are for the plane"
+        )
+    return problem.picture
+
+
+def _check_labels(samples: Samples, labels: Labels) -> None:
+    if len(labels) != len(samples.parameters):
+        raise ValueError(f"expected a label for each of {len(samples.parameters)} samples, got {len(labels)}")
+
+
+def _text(name: str) -> str:
+    """``-+-`` → ``(−, +, −)``; other names as they are."""
+    return f"({', '.join(name)})".replace("-", "−") if re.fullmatch(r"[-+]+", name) else name
+
+
+def _spheres(problem: OptimalControlProblem, context: Array) -> list[Ball]:
+    """The spheres that stand in ``context`` (nc,), all in one colour."""
+    shapes = _picture_of(problem).shapes(problem.goal.state, context)
+    found = [shape for shape in shapes if isinstance(shape, Ball)]
+    return [dataclasses.replace(ball, **_SPHERE) for ball in found]
+
+
+def _closeup(problem: OptimalControlProblem, plans: Trajectory, spheres: Sequence[Ball]) -> Picture:
+    """The problem's picture in the smallest cube round paths, goal and spheres, seen from beside the paths."""
+    picture = _picture_of(problem)
+    goal = picture.trace(problem.goal.state[None])
+    paths = np.stack([picture.trace(states) for states in plans.states[plans.finite]])
+    balls = [ball.center + ball.radius * np.array([[-1], [1]]) for ball in spheres]
+    extent = np.concatenate([goal, paths.reshape(-1, 3), *balls])
+    middle, half = (extent.max(axis=0) + extent.min(axis=0)) / 2, 0.53 * np.ptp(extent, axis=0).max()
+    x, y, _ = (paths[:, 0] - goal).mean(axis=0)
+    view = _ELEVATION, float(np.degrees(np.arctan2(y, x))) - 90 - _TURN
+    return dataclasses.replace(picture, limits=tuple((m - half, m + half) for m in middle), view=view)
+
+
+def _panel(figure: Figure, bounds: Bounds, picture: Picture, title: str = "") -> Space:
+    """Axes in space, without numbers where there is a title, that is where there are several panels."""
+    space = Space(figure, bounds, picture)
+    space.axes.patch.set_visible(False)  # labels reach beyond the axes
+    space.axes.set_box_aspect((1, 1, 1), zoom=1.04)
+    space.axes.set_anchor("S")
+    if title:
+        figure.text(bounds[0] + bounds[2] / 2, bounds[1] + bounds[3], title, ha="center", va="top", linespacing=1.4)
+        for name, axis in zip("xyz", (space.axes.xaxis, space.axes.yaxis, space.axes.zaxis)):
+            axis.set_ticklabels([])
+            axis.set_label_text(name)
+            axis.labelpad = -16
+    return space
+
+
+def _draw_path(space: Space, picture: Picture, states: Array, color: Any, width: float, alpha: float = 1.0) -> None:
+    """The path of ``states`` (N, nx) with a dot at its start."""
+    if not np.isfinite(states).all():
+        return
+    knots = np.arange(len(states))
+    fine = np.linspace(0, knots[-1], _PIECES * knots[-1] + 1)
+    path = CubicSpline(knots, picture.trace(states))(fine)
+    space.curve("trail", color=color, lw=width, alpha=alpha, solid_capstyle="round").set(path)
+    space.curve("trail", color=color, ls="none", marker="o", ms=2 + width, mew=0).set(path[:1])
+
+
+def _draw_goal(space: Space, picture: Picture, problem: OptimalControlProblem) -> None:
+    goal = picture.trace(problem.goal.state[None])
+    space.curve("body", color=_INK, ls="none", marker="o", ms=4).set(goal)
+
+
+def _draw_scale(axes: Axes, texts: Sequence[str], flip: int) -> Array:
+    """A scale of colours from first to last, upwards, with a line after number ``flip``; returns them, (K, 4)."""
+    from matplotlib import colormaps
+
+    name, first, last = _COLORS_OF_PROGRESS
+    colors = np.asarray(colormaps[name](np.linspace(first, last, len(texts))))
+    axes.imshow(colors[:, None], origin="lower", aspect="auto")
+    axes.axhline(flip + 0.5, color=_INK, linewidth=2)
+    axes.grid(False)
+    axes.spines[:].set_visible(False)
+    shown = slice(None, None, -(-len(texts) // 12))
+    axes.set_xticks([])
+    axes.set_yticks(range(len(texts))[shown], texts[shown])
+    axes.yaxis.tick_right()
+    return colors
+
+
+def _grid(count: int, widest: int, width: float, height: float, right: float = 0.0) -> tuple[Size, list[Bounds]]:
+    """Size of a figure, and the bounds of ``count`` panels of ``width`` and ``height`` in it; lengths in inches.
+
+    At most ``widest`` panels stand in a row; beside them there is room of the width ``right``.
+    """
+    rows = -(-count // widest)
+    columns = -(-count // rows)
+    size = columns * width + right, rows * height
+    places = [divmod(i, columns) for i in range(count)]
+    return size, [
+        (column * width / size[0], 1 - (row + 1) / rows, width / size[0], 0.98 / rows) for row, column in places
+    ]
+
+
+# -- which problems to show --------------------------------------------------------------------------------------------
+
+
+def flip_parameters(
+    problem: OptimalControlProblem,
+    centre: ArrayLike,
+    radius: float,
+    start_xy: ArrayLike,
+    z_low: float,
+    z_high: float,
+    count: int,
+) -> Array:
+    """Parameters (count, np) along which the start rises past a sphere that stands still.
+
+    Args:
+        problem: one with the parameters x, y, z, cx, cy, cz, radius.
+        centre: of the sphere, (3,), metres.
+        radius: of the sphere, metres.
+        start_xy: where the starts are, (2,), metres.
+        z_low: height of the first start, metres.
+        z_high: height of the last one.
+        count: number of starts, at equal distances, at least two.
+
+    Raises:
+        ValueError: other parameters, wrong shapes, fewer than two starts, values outside the box, or a start inside
+            the sphere.
+    """
+    names = ("x", "y", "z", "cx", "cy", "cz", "radius")
+    if problem.parameters.names != names:
+        raise ValueError(f"{problem.id}: expected the parameters {names}, got {problem.parameters.names}")
+    if np.shape(centre) != (3,) or np.shape(start_xy) != (2,) or count < 2:
+        got = f"{np.shape(centre)}, {np.shape(start_xy)} and {count}"
+        raise ValueError(f"expected centre (3,), start_xy (2,) and a count of at least 2, got {got}")
+    p = np.empty((count, 7))
+    p[:, :2], p[:, 3:6], p[:, 6] = start_xy, centre, radius
+    p[:, 2] = np.linspace(z_low, z_high, count)
+    p = problem.check_parameters(p)
+    inside = np.linalg.norm(p[:, :3] - p[:, 3:6], axis=1) < radius
+    if inside.any():
+        raise ValueError(f"starts at z = {p[inside, 2].tolist()} lie inside the sphere; choose another start_xy")
+    return p
+
+
+def find_flip(optimal: Trajectory) -> int:
+    """The index i after which a sequence of optimal trajectories jumps: the largest step is from i to i + 1.
+
+    Steps are Euclidean distances of flat trajectories, every component standardised over the sequence; of equal ones
+    the first counts.
+
+    Args:
+        optimal: K trajectories along a path of parameters.
+
+    Raises:
+        ValueError: fewer than two trajectories, or one that is not finite.
+    """
+    if len(optimal) < 2:
+        raise ValueError(f"expected at least two trajectories, got {len(optimal)}")
+    flat = optimal.flat()
+    steps = np.diff(Standardizer.fit(flat).scale(flat), axis=0)
+    return int(np.linalg.norm(steps, axis=1).argmax())
+
+
+def plan_violations(problem: OptimalControlProblem, parameters: ArrayLike, plans: Trajectory) -> Array:
+    """The worst violation of the path constraints at the knots of each plan, (B,), at least 0; metres for a sphere.
+
+    Args:
+        problem: one with path constraints.
+        parameters: (B, np).
+        plans: B plans; one that is not finite gives NaN.
+
+    Raises:
+        ValueError: no path constraints, or shapes that do not fit.
+    """
+    if not problem.n_clearances:
+        raise ValueError(f"{problem.id} has no path constraints that a plan could violate")
+    p = problem.check_parameters(parameters, extrapolate=True)
+    if len(plans) != len(p) or plans.states.shape[2] != problem.system.nx:
+        raise ValueError(
+            f"{problem.id}: expected {len(p)} plans of {problem.system.nx} states, one for each parameter, "
+            f"got states of shape {plans.states.shape}"
+        )
+    _, contexts = problem.start(p)
+    states = plans.states.reshape(-1, problem.system.nx)
+    (clearances,) = problem.batch_clearances()(states, np.repeat(contexts, plans.knots, axis=0))
+    violations = np.maximum(0.0, -clearances.reshape(len(p), -1).min(axis=1, initial=np.inf))
+    return np.asarray(np.where(plans.finite, violations, np.nan))
+
+
+# -- the figures -------------------------------------------------------------------------------------------------------
+
+
+def samples_figure(
+    path: str | os.PathLike[str], samples: Samples, labels: Labels, shown: int = 25, seed: int = 0
+) -> Path:
+    """Paths in space of a random selection of samples: a panel for each cluster, a dot at each start, the goal black.
+
+    Spheres are not drawn, as each sample has its own.
+
+    Args:
+        path: file to write.
+        samples: M solved problems.
+        labels: their clusters.
+        shown: number of samples drawn of each cluster, at most.
+        seed: of their choice.
+
+    Raises:
+        ValueError: not one label for each sample, nothing to show, or a problem without a picture in space.
+    """
+    problem, generator = samples.problem, np.random.default_rng(seed)
+    picture = _picture_of(problem)
+    _check_labels(samples, labels)
+    if shown < 1:
+        raise ValueError(f"shown must be at least 1, got {shown}")
+    chosen = [generator.permutation(np.flatnonzero(labels.values == i))[:shown] for i in range(labels.k)]
+    size, bounds = _grid(labels.k, 5, 2.2, 2.35, right=0.1)
+
+    def draw(figure: Figure) -> None:
+        figure.set_layout_engine("none")  # the panels have their places
+        for i, rows in enumerate(chosen):
+            space = _panel(figure, bounds[i], picture, f"{_text(labels.names[i])}: {labels.sizes[i]:,}")
+            for row in rows:
+                _draw_path(space, picture, samples.trajectory.states[row], cluster_color(i), 0.8, 0.8)
+            _draw_goal(space, picture, problem)
+
+    return save_figure(path, size, draw)
+
+
+def around_figure(
+    path: str | os.PathLike[str], samples: Samples, labels: Labels, parameters: ArrayLike, count: int = 40
+) -> Path:
+    """The optimal paths of the samples nearest to one problem, coloured by cluster, round the sphere of that problem.
+
+    Args:
+        path: file to write.
+        samples: M solved problems.
+        labels: their clusters.
+        parameters: the problem, (np,); the distance is that of :class:`~moe_policy.planner.NearestPlanner`, every
+            coordinate divided by the width of its box.
+        count: number of samples drawn, at most M.
+
+    Raises:
+        ValueError: not one label for each sample, not one parameter, a count that does not fit, or a problem without a
+            picture in space.
+    """
+    problem = samples.problem
+    _picture_of(problem)
+    _check_labels(samples, labels)
+    p = problem.check_parameters(parameters, extrapolate=True)
+    if len(p) != 1:
+        raise ValueError(f"expected one parameter ({len(problem.parameters)},), got {np.shape(parameters)}")
+    rows = NearestPlanner(samples).neighbours(p, count)[0]
+    spheres = _spheres(problem, problem.start(p)[1][0])
+    picture = _closeup(problem, samples.trajectory[rows], spheres)
+
+    def draw(figure: Figure) -> None:
+        figure.set_layout_engine("none")
+        space = _panel(figure, (0.0, 0.0, 0.74, 1.08), picture)  # above, there is nothing but air
+        space.show(spheres)
+        for row, cluster in zip(rows, labels.values[rows]):
+            _draw_path(space, picture, samples.trajectory.states[row], cluster_color(cluster), 1.3, 0.9)
+        _draw_goal(space, picture, problem)
+        for i, number in zip(*np.unique(labels.values[rows], return_counts=True)):
+            space.axes.plot([], [], [], color=cluster_color(i), label=f"{_text(labels.names[i])}: {number}")
+        handles = space.axes.get_legend_handles_labels()
+        figure.legend(*handles, loc="center left", bbox_to_anchor=(0.77, 0.5), title="cluster: samples")
+
+    return save_figure(path, (6.8, 4.6), draw)
+
+
+def flip_figure(
+    path: str | os.PathLike[str],
+    problem: OptimalControlProblem,
+    parameters: ArrayLike,
+    optimal: Trajectory,
+    plans: Mapping[str, Trajectory],
+    labels_of_lines: Sequence[str] | None = None,
+) -> Path:
+    """Plans along a path of parameters, in colour from first to last: a panel for the optimum and for each planner.
+
+    The sphere is that of the first parameter. Titles tell the worst violation at the knots; in the scale of colours, a
+    black line marks where the optimum jumps (:func:`find_flip`).
+
+    Args:
+        path: file to write.
+        problem: one with path constraints and a picture in space.
+        parameters: (K, np), with one sphere for all; :func:`flip_parameters` makes them.
+        optimal: K optimal trajectories.
+        plans: K plans by the name of their planner.
+        labels_of_lines: K texts beside the colours; by default the values of the parameter that changes most.
+
+    Raises:
+        ValueError: shapes that do not fit, optimal trajectories that are not finite, spheres that differ, or a problem
+            without path constraints or without a picture in space.
+    """
+    p, every = problem.check_parameters(parameters, extrapolate=True), {"optimal": optimal, **plans}
+    if wrong := {name: len(batch) for name, batch in every.items() if len(batch) != len(p)}:
+        raise ValueError(f"expected {len(p)} trajectories, one for each parameter, got {wrong}")
+    worst = {name: plan_violations(problem, p, batch).max() for name, batch in every.items()}
+    flip, contexts, varied = find_flip(optimal), problem.start(p)[1], int(np.ptp(p, axis=0).argmax())
+    if np.ptp(contexts, axis=0).any():
+        raise ValueError(f"expected one ({', '.join(problem.context.names)}) for all parameters, got different ones")
+    texts = [f"{value:.3g}" for value in p[:, varied]] if labels_of_lines is None else list(labels_of_lines)
+    if len(texts) != len(p):
+        raise ValueError(f"expected a label for each of {len(p)} lines, got {len(texts)}")
+    spheres = _spheres(problem, contexts[0])
+    picture = _closeup(problem, Trajectory.concatenate(list(every.values())), spheres)
+    size, bounds = _grid(len(every), 4, 3.0, 3.2, right=0.9)
+
+    def draw(figure: Figure) -> None:
+        figure.set_layout_engine("none")
+        scale = figure.add_axes((1 - 0.72 / size[0], 0.2, 0.16 / size[0], 0.6))
+        colors = _draw_scale(scale, texts, flip)
+        if labels_of_lines is None:
+            scale.set_title(f"{problem.parameters.names[varied]}, {problem.parameters.coordinates[varied].unit}")
+        for place, (name, batch) in zip(bounds, every.items()):
+            space = _panel(figure, place, picture, f"{name}\nworst violation {worst[name]:.3f} m")
+            space.show(spheres)
+            for states, color in zip(batch.states, colors):
+                _draw_path(space, picture, states, color, 1.4)
+            _draw_goal(space, picture, problem)
+
+    return save_figure(path, size, draw)
+
+
+def violations_figure(path: str | os.PathLike[str], violations: Mapping[str, ArrayLike], title: str) -> Path:
+    """The share of cases whose violation at the knots is larger than a bound, against the bound; a line for each model.
+
+    Args:
+        path: file to write.
+        violations: (B,) by model, metres, at least 0; the legend gives their means.
+        title: of the figure.
+
+    Raises:
+        ValueError: no models or more than there are colours, no cases, or a violation that is negative or not finite.
+    """
+    if not 1 <= len(violations) <= len(COLORS):
+        raise ValueError(f"expected 1 to {len(COLORS)} models, got {list(violations)}")
+    values = {name: np.sort(np.asarray(part, np.float64), axis=None) for name, part in violations.items()}
+    for name, part in values.items():
+        if np.ndim(violations[name]) != 1 or not len(part):
+            raise ValueError(f"{name}: expected violations (B,) of at least one case, got {np.shape(violations[name])}")
+        if not (np.isfinite(part) & (part >= 0)).all():
+            raise ValueError(f"{name}: expected violations that are finite and at least 0, got {part[[0, -1]]}")
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for (name, part), color in zip(values.items(), COLORS):
+            bounds = np.concatenate([[0.0], part])
+            beyond = 100 * (1 - np.arange(len(part) + 1) / len(part))
+            axes.step(bounds, beyond, where="post", color=color, label=f"{name}: mean {part.mean():.3f} m")
+        axes.margins(x=0.015)
+        axes.set_yscale("log", nonpositive="clip")
+        axes.set_ylim(100 * 0.7 / max(map(len, values.values())), 130)
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.set(xlabel="violation at the knots, m", ylabel="cases with a larger violation, %", title=title)
+        axes.legend()
+
+    return save_figure(path, (5.6, 3.6), draw)
