@@ -94,10 +94,12 @@ def test_what_a_policy_without_a_plan_has_not_is_a_dash(solved, baseline):
     absent = {"success_at_plan_end", "plan_end_error_median", "parameters_total", "parameters_active", "data"}
     assert all(row[key] is None for key in absent)
     assert "planning_seconds" not in row
-    cells = markdown_table([row], COLUMNS).splitlines()[-1].strip("| ").split(" | ")
-    texts = {column.title: cell for column, cell in zip(COLUMNS, cells)}
+    lines = markdown_table([baseline[0] | {"parameters_total": 1, "parameters_active": 1, "data": "-"}, row], COLUMNS)
+    head, *_, cells = [line.strip("| ").split(" | ") for line in lines.splitlines()]
+    texts = dict(zip(head, cells))
     assert texts["policy"] == "zero"
-    assert {texts[c.title] for c in COLUMNS if c.key in absent | {"planning_seconds", "test_error"}} == {ABSENT}
+    assert {texts[c.title] for c in COLUMNS if c.key in absent} == {ABSENT}
+    assert not {"test error", "… on the whole path"} & set(head)  # nobody has one
     shown = comparison.outcome("zero", episodes, PENDULUM)
     assert (shown.success_at_plan_end, shown.errors) == (None, None)
 
@@ -123,4 +125,13 @@ def test_the_table_of_training_variants():
     spread = {"median": 990.0, "least": 985, "most": 999}
     row = {"name": "moe-custom", "success_spread": spread, "paper_success": 998, "test_error_spread": {"median": 0.01}}
     *_, line = markdown_table([row], TRAINING_COLUMNS).splitlines()
-    assert line == f"| moe-custom | 990 (985–999) | 998 | {ABSENT} | {ABSENT} | {ABSENT} | 0.0100 |"
+    assert line == "| moe-custom | 990 (985–999) | 998 | 0.0100 |"
+    violated = {
+        "name": "snn",
+        "success_spread": spread,
+        "knot_violation_spread": {"median": 0.2},
+        "paper_violation": 0.3,
+    }
+    *_, first, second = markdown_table([row, violated], TRAINING_COLUMNS).splitlines()
+    assert first == f"| moe-custom | 990 (985–999) | 998 | {ABSENT} | {ABSENT} | 0.0100 |"
+    assert second == f"| snn | 990 (985–999) | {ABSENT} | 0.200 | 0.300 | {ABSENT} |"

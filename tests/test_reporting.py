@@ -21,6 +21,10 @@ ROWS = [
 COLUMNS = [Column("name", "policy"), Column("success", "success", share), Column("error", "error", ".2e")]
 
 
+def test_missing_keys_are_dashes():
+    assert markdown_table([{"x": 1}, {}], [Column("x", "x")]).splitlines()[-2:] == ["| 1 |", "| – |"]
+
+
 def test_columns_without_a_value_are_left_out():
     assert markdown_table(ROWS, [*COLUMNS, Column("nowhere", "nothing")]) == markdown_table(ROWS, COLUMNS)
     assert text_table(ROWS, [Column("nowhere", "nothing"), *COLUMNS]) == text_table(ROWS, COLUMNS)
