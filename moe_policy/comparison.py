@@ -153,6 +153,11 @@ COLUMNS = (
 )
 
 
+def _error(value: float) -> str:
+    """Three decimals; two digits where these would say nothing."""
+    return f"{value:.3f}" if value >= 1e-3 else f"{value:.2g}"
+
+
 def _median(record: Mapping[str, float]) -> str:
     return f"{record['median']:.0f} ({record['least']}–{record['most']})"
 
@@ -166,7 +171,7 @@ TRAINING_COLUMNS = (
     Column("knot_violation_spread", "mean violation at knots, m", _of("median", "{:.3f}".format)),
     Column("paper_violation", "paper", ".3f"),
     Column("violation_spread", "… on the whole path", _of("median", "{:.3f}".format)),
-    Column("validation_error_spread", "validation error", _of("median", "{:.2g}".format)),
-    Column("paper_validation_error", "paper", ".2g"),
+    Column("validation_error_spread", "validation error", _of("median", _error)),
+    Column("paper_validation_error", "paper", _error),
     Column("test_error_spread", "test error", _of("median", "{:.4f}".format)),
 )

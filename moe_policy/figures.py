@@ -130,18 +130,18 @@ def sizes_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]
         cases: validation cases.
     """
     constrained = rows[0].get("violation", [None])[0] is not None
-    keys, titles = ("knot_violation", "violation"), ("at the knots", "on the whole path")
-    if not constrained:
-        keys, titles = ("success", "success_at_plan_end"), ("after the hold", "at the plan's end")
-        if all(row[keys[0]] == row[keys[1]] for row in rows):  # a goal that cannot be held
-            keys, titles = keys[1:], titles[1:]  # type: ignore[assignment]
+    shown = {"success": "after the hold", "success_at_plan_end": "at the plan's end"}
+    if constrained:
+        shown = {"knot_violation": "at the knots", "violation": "on the whole path"}
+    elif all(row["success"] == row["success_at_plan_end"] for row in rows):  # a goal that cannot be held
+        del shown["success"]
 
     def wrong(values: Sequence[float]) -> Array:
         return np.asarray(values, float) if constrained else np.maximum(cases - np.asarray(values), 0.5)
 
     def draw(figure: Figure) -> None:
-        panels: Any = figure.subplots(1, len(keys), sharex=True, sharey=True, squeeze=False)[0]
-        for ax, key, title in zip(panels, keys, titles):
+        panels: Any = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
+        for ax, (key, title) in zip(panels, shown.items()):
             for i, name in enumerate(dict.fromkeys(row["name"] for row in rows)):
                 points = sorted((row["samples"], row[key]) for row in rows if row["name"] == name)
                 counts = np.array([size for size, _ in points])
@@ -152,4 +152,4 @@ def sizes_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]
         panels[0].set_ylabel("mean violation, m" if constrained else f"failures of {cases:,}")
         panels[0].legend()
 
-    return save_figure(path, (4.0 * len(keys) + 0.5 * (2 - len(keys)), 3.2), draw)
+    return save_figure(path, (8.0 if len(shown) == 2 else 4.5, 3.2), draw)

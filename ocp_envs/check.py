@@ -65,7 +65,7 @@ def verify(
     defect = np.maximum(np.abs(gaps).max(axis=(1, 2)), np.abs(start_error).max(axis=1))
     goal = np.abs(system.difference(trajectory.states[:, -1], problem.goal.state) / state_scale).max(axis=1)
     bounds = _excess(problem, trajectory)
-    path = _violation(problem, trajectory, contexts)
+    path = path_violation(problem, trajectory, contexts)
     passed = (defect <= DEFECT_TOLERANCE) & (goal <= GOAL_TOLERANCE)
     passed &= (bounds <= BOUND_TOLERANCE) & (path <= BOUND_TOLERANCE) & np.isfinite(total)
     if cost is not None:
@@ -82,7 +82,14 @@ def _excess(problem: OptimalControlProblem, trajectory: Trajectory) -> Array:
     return np.asarray(np.maximum(np.maximum(largest, duration), 0.0))
 
 
-def _violation(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
+def path_violation(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
+    """The worst violation of the path constraints at the knots, (B,), in the clearances' unit; 0 without constraints.
+
+    Args:
+        problem: the problem.
+        trajectory: B trajectories; one that is not finite gives NaN.
+        contexts: (B, nc).
+    """
     if not problem.n_clearances:
         return np.zeros(len(trajectory))
     size, knots, nx = trajectory.states.shape

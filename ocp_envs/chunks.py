@@ -73,9 +73,9 @@ class GenerationSettings:
     def record(self) -> dict[str, Any]:
         """As JSON, the way databases carry it; a field that came later is left out at its default."""
         record = dataclasses.asdict(self)
-        for late in dataclasses.fields(self):
-            if late.name in ("guess", "fit") and record[late.name] == late.default:
-                del record[late.name]
+        for late in ("guess", "fit"):
+            if record[late] == getattr(DEFAULT, late):
+                del record[late]
         return record
 
 

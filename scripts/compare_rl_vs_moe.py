@@ -88,7 +88,7 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
             settings=split.settings,
         )
         log(f"{name} set: {len(databases[name])} problems, {time.perf_counter() - began:.0f} s")
-    samples = databases["training"].samples()
+    samples = databases["training"].samples(databases["training"].first(study.problems))
     nearest = NearestPlanner(samples)
     contestants = [Contestant("nearest", nearest, solutions(len(samples)))]
     for name in study.compared:

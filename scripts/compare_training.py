@@ -27,8 +27,9 @@ import torch
 from tqdm import tqdm
 
 import ocp_envs
-from moe_policy import comparison, figures, recipes, trajectory_figures
+from moe_policy import comparison, figures, recipes, space_figures, trajectory_figures
 from moe_policy.architectures import PAPER_SIZES, layer_sizes
+from moe_policy.cases import plan_violations
 from moe_policy.clustering import cluster
 from moe_policy.fitting import PAPER, TrainingSettings
 from moe_policy.planner import NearestPlanner, NetworkPlanner
@@ -205,11 +206,15 @@ def draw(
     for name, planner in planners.items():
         _, episodes = comparison.run(problem, comparison.Contestant(name, planner), validation.parameters, batches=())
         errors[name] = (problem.goal_error(planner(validation.parameters).states[:, -1]), episodes.final_error)
+    clusters = {name: labels.sizes.tolist() for name, labels in partitions.items()}
+    if problem.picture is not None and problem.picture.dimensions == 3:
+        _draw_space(stem, training, validation, partitions, planners, errors)
+        return {"clusters": clusters}
     drawing = _draw_plane if len(problem.parameters) == 2 else _draw_paths
     chosen = drawing(stem, training, validation, partitions, planners, errors)
     costs = np.sort(validation.mode_costs[chosen])
     return {
-        "clusters": {name: labels.sizes.tolist() for name, labels in partitions.items()},
+        "clusters": clusters,
         "jump": {
             "parameters": validation.parameters[chosen].tolist(),
             "relative_cost_of_the_second_mode": float(costs[1] / costs[0] - 1) if len(costs) > 1 else None,
@@ -254,6 +259,22 @@ def _draw_paths(
         problem,
     )
     return chosen
+
+
+def _draw_space(
+    stem: Path, training: Samples, validation: Samples, partitions: Any, planners: dict[str, Any], errors: Any
+) -> None:
+    """Figures of a problem whose trajectories are paths in space."""
+    problem = training.problem
+    for name, labels in partitions.items():
+        if labels.k > 1:
+            file = f"{stem}_samples_{name.replace(' ', '-')}.png"
+            space_figures.samples_figure(file, training, labels)
+    trajectory_figures.error_histograms_figure(f"{stem}_errors.png", errors, problem.goal.radius)
+    if problem.n_clearances:
+        p = validation.parameters
+        violations = {name: plan_violations(problem, p, planner(p)) for name, planner in planners.items()}
+        space_figures.violations_figure(f"{stem}_violations.png", violations, "plans that enter the sphere")
 
 
 def main() -> None:

@@ -80,6 +80,7 @@ ORDER = (
     "moe_policy.reporting",
     "moe_policy.figures",
     "moe_policy.trajectory_figures",
+    "moe_policy.cases",
     "moe_policy.space_figures",
     "moe_policy.data_report",
     "moe_policy.comparison",

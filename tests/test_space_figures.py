@@ -5,6 +5,7 @@ import pytest
 from learning import FakeSamples, fake_samples
 from problems import DOUBLE_INTEGRATOR
 
+from moe_policy import cases
 from moe_policy import space_figures as figures
 from moe_policy.clustering import Labels, cluster
 from moe_policy.reporting import COLORS, STYLE, cluster_color
@@ -40,27 +41,6 @@ def bent(p, above):
     return plan
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """Calls a figure's function and returns its Matplotlib figure instead of a file."""
-    from matplotlib.figure import Figure
-
-    made = []
-
-    def capture(path, size, draw):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
-        made.append(figure)
-        return path
-
-    def call(function, *arguments, **options):
-        function("unused.png", *arguments, **options)
-        return made[-1]
-
-    monkeypatch.setattr(figures, "save_figure", capture)
-    return call
-
-
 def panels_of(figure):
     return [axes for axes in figure.axes if axes.name == "3d"]
 
@@ -94,7 +74,7 @@ def text_of(figure):
 
 
 def test_the_start_rises_past_a_sphere_that_stands_still():
-    p = figures.flip_parameters(QUADCOPTER_OBSTACLE, SPHERE, 3.0, [0, 8], 5.0, 9.0, 5)
+    p = cases.flip_parameters(QUADCOPTER_OBSTACLE, SPHERE, 3.0, [0, 8], 5.0, 9.0, 5)
     np.testing.assert_array_equal(p, [[0, 8, z, 0, 4, 4, 3] for z in (5, 6, 7, 8, 9)])
 
 
@@ -111,42 +91,42 @@ def test_the_start_rises_past_a_sphere_that_stands_still():
 )
 def test_sequences_that_make_no_sense_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
-        figures.flip_parameters(QUADCOPTER_OBSTACLE, *arguments)
+        cases.flip_parameters(QUADCOPTER_OBSTACLE, *arguments)
 
 
 def test_a_sequence_needs_a_sphere():
     with pytest.raises(ValueError, match=r"Quadcopter-v0: expected the parameters .*radius.*, got \('x', 'y', 'z'\)"):
-        figures.flip_parameters(QUADCOPTER, SPHERE, 3.0, [0, 8], 5.0, 9.0, 5)
+        cases.flip_parameters(QUADCOPTER, SPHERE, 3.0, [0, 8], 5.0, 9.0, 5)
 
 
 @pytest.mark.parametrize("flip", [0, 3, 8])
 def test_the_flip_is_found(flip):
     p = np.linspace([0, 8, 5], [0, 8, 9], 10)
-    assert figures.find_flip(bent(p, np.arange(10) > flip)) == flip
-    assert figures.find_flip(bent(p, np.arange(10) <= flip)) == flip
+    assert cases.find_flip(bent(p, np.arange(10) > flip)) == flip
+    assert cases.find_flip(bent(p, np.arange(10) <= flip)) == flip
 
 
 def test_of_equal_steps_the_first_is_the_flip():
     states = np.zeros((4, 20, 12))
     states[2:] = 1.0
     steps = Trajectory(np.concatenate([states, states[:1]]), np.zeros((5, 19, 4)), np.ones(5))
-    assert figures.find_flip(steps) == 1
+    assert cases.find_flip(steps) == 1
 
 
 def test_steps_are_measured_in_standard_deviations():
     states = np.zeros((4, 20, 12))
     states[1:, :10, 6:10] = 0.1  # forty small components jump after 0
     states[3:, 5, 0] = 100.0  # a large one after 2
-    assert figures.find_flip(Trajectory(states, np.zeros((4, 19, 4)), np.ones(4))) == 0
+    assert cases.find_flip(Trajectory(states, np.zeros((4, 19, 4)), np.ones(4))) == 0
 
 
 def test_a_flip_needs_two_finite_trajectories():
     plan = straight(np.ones((2, 3)))
     with pytest.raises(ValueError, match="at least two trajectories, got 1"):
-        figures.find_flip(plan[0])
+        cases.find_flip(plan[0])
     plan.states[1, 3, 4] = np.nan
     with pytest.raises(ValueError, match="finite; row 1"):
-        figures.find_flip(plan)
+        cases.find_flip(plan)
 
 
 def test_violations_are_those_of_the_deepest_knot():
@@ -158,19 +138,19 @@ def test_violations_are_those_of_the_deepest_knot():
     assert expected[0] > 2.5
     assert expected[1] == pytest.approx(1.5, abs=0.1)
     assert expected[2] == 0
-    np.testing.assert_allclose(figures.plan_violations(QUADCOPTER_OBSTACLE, p, plans), expected, atol=1e-6)
+    np.testing.assert_allclose(cases.plan_violations(QUADCOPTER_OBSTACLE, p, plans), expected, atol=1e-6)
     plans.states[1, 5, 0] = np.inf
-    assert np.isnan(figures.plan_violations(QUADCOPTER_OBSTACLE, p, plans)).tolist() == [False, True, False]
+    assert np.isnan(cases.plan_violations(QUADCOPTER_OBSTACLE, p, plans)).tolist() == [False, True, False]
 
 
 def test_violations_need_constraints_and_as_many_plans():
     p = np.array([[0, 8, 8, 0, 4, 4, 3.0]] * 3)
     with pytest.raises(ValueError, match="Quadcopter-v0 has no path constraints"):
-        figures.plan_violations(QUADCOPTER, p[:, :3], straight(p))
+        cases.plan_violations(QUADCOPTER, p[:, :3], straight(p))
     with pytest.raises(ValueError, match=r"expected 3 plans of 12 states.* got states of shape \(2, 20, 12\)"):
-        figures.plan_violations(QUADCOPTER_OBSTACLE, p, straight(p[:2]))
+        cases.plan_violations(QUADCOPTER_OBSTACLE, p, straight(p[:2]))
     with pytest.raises(ValueError, match=r"got states of shape \(3, 25, 2\)"):
-        figures.plan_violations(QUADCOPTER_OBSTACLE, p, fake_samples(3).trajectory)
+        cases.plan_violations(QUADCOPTER_OBSTACLE, p, fake_samples(3).trajectory)
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------
@@ -256,7 +236,7 @@ def test_without_an_obstacle_there_is_no_sphere(drawn):
     assert spheres_in(axes) == 0
 
 
-P = figures.flip_parameters(QUADCOPTER_OBSTACLE, SPHERE, 3.0, [0, 8], 6.0, 9.0, 7)
+P = cases.flip_parameters(QUADCOPTER_OBSTACLE, SPHERE, 3.0, [0, 8], 6.0, 9.0, 7)
 OPTIMAL = bent(P, np.arange(7) >= 3)
 
 
@@ -264,7 +244,7 @@ def test_the_flip_is_shown_for_the_optimum_and_every_planner(drawn):
     plans = {"snn": straight(P), "moe": bent(P, np.arange(7) >= 4)}
     figure = drawn(figures.flip_figure, QUADCOPTER_OBSTACLE, P, OPTIMAL, plans)
     panels = panels_of(figure)
-    worst = figures.plan_violations(QUADCOPTER_OBSTACLE, P, plans["snn"]).max()
+    worst = cases.plan_violations(QUADCOPTER_OBSTACLE, P, plans["snn"]).max()
     assert worst > 2
     titles = {"optimal": 0.0, "snn": worst, "moe": 0.0}
     assert text_of(figure) == [f"{name}\nworst violation {value:.3f} m" for name, value in titles.items()]

@@ -35,27 +35,6 @@ def mass_samples():
     return FakeSamples(DOUBLE_INTEGRATOR, states[:, 0], trajectory, np.zeros(8, np.int64))
 
 
-@pytest.fixture
-def drawn(monkeypatch):
-    """Calls a figure's function and returns its Matplotlib figure instead of a file."""
-    from matplotlib.figure import Figure
-
-    made = []
-
-    def capture(path, size, draw):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
-        made.append(figure)
-        return path
-
-    def call(function, *arguments, **options):
-        function("unused.png", *arguments, **options)
-        return made[-1]
-
-    monkeypatch.setattr(figures, "save_figure", capture)
-    return call
-
-
 def lines_of(axes, points):
     """Lines of so many points: their colours and their (points, 2) data."""
     chosen = [line for line in axes.get_lines() if len(line.get_xdata()) == points]
