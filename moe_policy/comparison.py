@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moe_policy.evaluation import Share, evaluate, time_planner
+from moe_policy.lqr import TrackingWeights
 from moe_policy.planner import NetworkPlanner
 from moe_policy.policy import Planner, Policy
 from moe_policy.reporting import Column, Outcome, duration, share
@@ -49,14 +50,14 @@ class Contestant:
         """The actor if it plans."""
         return None if hasattr(self.actor, "predict") else self.actor
 
-    def policy(self, problem: OptimalControlProblem, dt: float) -> Policy:
-        """The actor as a policy of control period ``dt``."""
+    def policy(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> Policy:
+        """The actor as a policy of control period ``dt``; ``weights`` are those of tracking and hold."""
         if self.planner is not None:
-            return TrackingPolicy(problem, self.planner, dt)
+            return TrackingPolicy(problem, self.planner, dt, weights)
         acting: Any = self.actor
         if isinstance(acting, Stabiliser) or problem.hold == 0:
             return acting
-        return Stabilised(acting, problem, dt)
+        return Stabilised(acting, problem, dt, weights)
 
 
 def environments(problem: OptimalControlProblem, count: int, dt: float, **arguments: Any) -> Any:
@@ -80,6 +81,7 @@ def run(
     optimal: Trajectory | None = None,
     baseline: Episodes | None = None,
     dt: float = 0.02,
+    weights: TrackingWeights | None = None,
     batches: tuple[int, ...] = (1, 1000),
 ) -> tuple[dict[str, Any], Episodes]:
     """Roll ``contestant`` out from ``starts`` and describe how it did.
@@ -91,13 +93,14 @@ def run(
         optimal: the optimal trajectories from them, for the prediction error of networks.
         baseline: the episodes costs are compared with; a contestant's own where not given.
         dt: control period, seconds.
+        weights: of tracking and hold; the problem's own where not given.
         batches: sizes of the batches whose planning is timed.
 
     Returns:
         the row as a JSON record, and the episodes.
     """
     envs = environments(problem, len(starts), dt)
-    episodes = rollout(envs, contestant.policy(problem, dt), starts)
+    episodes = rollout(envs, contestant.policy(problem, dt, weights), starts)
     envs.close()
     planner = contestant.planner
     row: dict[str, Any] = {"name": contestant.name, "data": contestant.data, "training_seconds": contestant.seconds}

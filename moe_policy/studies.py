@@ -135,7 +135,7 @@ _VEHICLE = Study(
 _QUADCOPTER = Study(
     compared=("snn", "moe-kmeans-4"),
     models=("snn", "moe-kmeans-4"),
-    settings=TrainingSettings(epochs=1000, learning_rate=1e-2),
+    settings=TrainingSettings(epochs=2000, learning_rate=5e-3, batch=32),
     published={"snn": Published(4.7e-5, 1000), "moe-kmeans-4": Published(4.6e-5, 1000)},
     stored=2_000,
 )
@@ -144,15 +144,16 @@ _QUADCOPTER = Study(
 _OBSTACLE = Study(
     compared=("snn", "moe-custom", "moe-kmeans-20"),
     models=("snn", "moe-custom", "moe-kmeans-8", "moe-kmeans-20"),
-    settings=TrainingSettings(epochs=100, learning_rate=3e-3, batch=256, gate_batch=256),
+    settings=TrainingSettings(epochs=100, learning_rate=3e-3, gate_batch=256),
     published={
         "snn": Published(0.024, None, 0.315),
         "moe-custom": Published(0.015, None, 0.043),
         "moe-kmeans-8": Published(None, None, 0.167),
         "moe-kmeans-20": Published(None, None, 0.056),
     },
-    sizes={10_000: 400, 30_000: 200},
+    sizes={10_000: 300, 30_000: 170},
     sized=("snn", "moe-custom"),
+    fewer_seeds=1,
     stored=4_000,
     problems=100_000,
 )

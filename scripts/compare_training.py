@@ -32,6 +32,7 @@ from moe_policy.architectures import PAPER_SIZES, layer_sizes
 from moe_policy.cases import plan_violations
 from moe_policy.clustering import cluster
 from moe_policy.fitting import PAPER, TrainingSettings
+from moe_policy.lqr import TrackingWeights
 from moe_policy.planner import NearestPlanner, NetworkPlanner
 from moe_policy.store import SHIPPED, load_file
 from moe_policy.studies import Study, study_of
@@ -44,6 +45,10 @@ from ocp_envs.workers import WorkerPool
 ROOT = Path(__file__).resolve().parents[1]
 #: Training samples drawn around the case where the single network interpolates.
 NEIGHBOURS = 8
+
+
+def short_hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:10]
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,7 @@ class Run:
         """Name of its files; ``data`` is the key of the training database."""
         layers = "" if self.hidden is None else "-" + "-".join(map(str, self.hidden))
         record = json.dumps([data, dataclasses.asdict(self.settings)], sort_keys=True)
-        return f"{self.name}{layers}-n{self.samples}-s{self.seed}-{hashlib.sha256(record.encode()).hexdigest()[:10]}"
+        return f"{self.name}{layers}-n{self.samples}-s{self.seed}-{short_hash(record)}"
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,15 @@ class Folders:
 
     data: Path
     work: Path
+
+    def model(self, key: str) -> Path:
+        return self.work / "models" / key
+
+    def record(self, problem: OptimalControlProblem, key: str) -> Path:
+        """The record of a model, which depends on how its plans are tracked."""
+        weights = dataclasses.asdict(TrackingWeights.default(problem))
+        tracking = json.dumps({k: np.array(v).tolist() for k, v in weights.items()}, sort_keys=True)
+        return self.work / f"{key}-{short_hash(tracking)}.json"
 
     @lru_cache(maxsize=4)  # noqa: B019 - one for each process
     def samples(self, problem: OptimalControlProblem, name: str) -> Samples:
@@ -101,18 +115,24 @@ def select(samples: Samples, count: int, seed: int) -> Samples:
     return samples[np.sort(np.random.default_rng(seed).permutation(len(samples))[:count])]
 
 
-def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]:
-    """Train, evaluate on the validation set and keep the record."""
-    torch.set_num_threads(1)
-    problem = ocp_envs.load(env_id)
-    training, validation = (folders.samples(problem, name) for name in ("training", "validation"))
+def train(problem: OptimalControlProblem, run: Run, folders: Folders) -> NetworkPlanner:
+    training = folders.samples(problem, "training")
     samples = training if run.samples == len(training) else select(training, run.samples, run.seed)
-    planner: NetworkPlanner
     if run.hidden is None:
-        planner = recipes.make(run.name, samples, settings=run.settings, seed=run.seed)  # type: ignore[assignment]
+        return recipes.make(run.name, samples, settings=run.settings, seed=run.seed)  # type: ignore[return-value]
+    return fit_single(samples, settings=run.settings, seed=run.seed, sizes=layer_sizes(problem, run.hidden))
+
+
+def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]:
+    """Train unless the model is there, evaluate on the validation set and keep the record."""
+    torch.set_num_threads(1)
+    problem, path = ocp_envs.load(env_id), folders.model(key)
+    if Path(f"{path}.json").exists():
+        planner = load_file(path, problem)
     else:
-        planner = fit_single(samples, settings=run.settings, seed=run.seed, sizes=layer_sizes(problem, run.hidden))
-    planner.save(folders.work / "models" / key)
+        planner = train(problem, run, folders)
+        planner.save(path)
+    validation = folders.samples(problem, "validation")
     contestant = comparison.Contestant(run.name, planner)
     row, _ = comparison.run(problem, contestant, validation.parameters, optimal=validation.trajectory, batches=())
     parts = planner.details["training"]["parts"]
@@ -131,14 +151,14 @@ def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]
         "part_test_errors": [part["test_loss"] for part in parts if part["accuracy"] is None],
         "cluster_sizes": planner.details.get("clusters", {}).get("sizes"),
     }
-    write_json(folders.work / f"{key}.json", record)
+    write_json(folders.record(problem, key), record)
     return record
 
 
 def run_all(
     problem: OptimalControlProblem, runs: dict[Run, str], folders: Folders, workers: int | None
 ) -> dict[Run, dict[str, Any]]:
-    paths = {run: folders.work / f"{key}.json" for run, key in runs.items()}
+    paths = {run: folders.record(problem, key) for run, key in runs.items()}
     records = {run: json.loads(path.read_text()) for run, path in paths.items() if path.exists()}
     with WorkerPool(workers) as pool:
         futures = {
@@ -296,9 +316,7 @@ def main() -> None:
     records = run_all(problem, runs, folders, arguments.workers)
     record = assemble(problem, study, records, total)
     models = {
-        name: folders.work / "models" / runs[Run(name, 0, total, study.settings)]
-        for name in study.models
-        if "pca" not in name
+        name: folders.model(runs[Run(name, 0, total, study.settings)]) for name in study.models if "pca" not in name
     }
     if arguments.ship:
         for name in study.compared:

@@ -1,0 +1,67 @@
+"""Which tracking weights bring plans of networks to the goal: a grid of weights on the development set.
+
+Every planner, and the stored optimal trajectories beside them, is tracked from the development starts with Q = I (gains
+depend on ratios alone), R = r I, the terminal weight s I (or the default one) and room ρ. Costs are compared with the
+optimal plans tracked with the same weights. What is chosen from the table stands in ``moe_policy/lqr.py``. Writes
+``results/tracking_<env>.json``.
+
+    python scripts/choose_tracking.py --env Quadcopter-v0
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from pathlib import Path
+
+import torch
+from tqdm import tqdm
+
+import moe_policy
+import ocp_envs
+from moe_policy.comparison import COLUMNS, Contestant, run
+from moe_policy.lqr import TrackingWeights
+from moe_policy.reporting import Column, text_table
+from moe_policy.store import load_file
+from moe_policy.studies import study_of
+from ocp_envs.records import provenance, write_json
+
+ROOT = Path(__file__).resolve().parents[1]
+CONTROL, TERMINAL, ROOM = (0.01, 0.1, 1.0, 10.0), (None, 1e3, 1e4, 1e5), (1.0, 0.1)
+WEIGHTS = (Column("control", "r", "g"), Column("terminal", "s", "g"), Column("room", "ρ", "g"))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--env", default="Quadcopter-v0", help="name of the environment")
+    parser.add_argument("--planners", type=Path, nargs="+", help="saved planners; by default the shipped ones compared")
+    parser.add_argument("--cases", type=int, help="development starts; all by default")
+    parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
+    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
+    arguments = parser.parse_args()
+
+    torch.set_num_threads(1)
+    problem = ocp_envs.load(arguments.env)
+    samples = ocp_envs.Database.open(arguments.data / problem.id / "development.zarr", problem).samples()
+    samples = samples[: arguments.cases]
+    if arguments.planners:
+        planners = [load_file(path, problem) for path in arguments.planners]
+    else:
+        planners = [moe_policy.load(problem.id, name) for name in study_of(problem).compared]
+    rows = []
+    grid = list(itertools.product(CONTROL, TERMINAL, ROOM))
+    for control, terminal, room in tqdm(grid, unit="weights", disable=None):
+        weights = TrackingWeights.uniform(problem, 1.0, control, terminal, room)
+        baseline = None
+        for name, planner in [("optimal", lambda p: samples.trajectory), *((p.name, p) for p in planners)]:
+            contestant = Contestant(name, planner)
+            row, episodes = run(problem, contestant, samples.parameters, baseline=baseline, weights=weights, batches=())
+            baseline = baseline or episodes
+            rows.append({"control": control, "terminal": terminal, "room": room} | row)
+    record = {"env_id": problem.id, "split": "development", "cases": len(samples), "rows": rows}
+    write_json(arguments.results / f"tracking_{problem.id}.json", record | {"provenance": provenance()})
+    print(text_table(rows, (*WEIGHTS, *COLUMNS)))
+
+
+if __name__ == "__main__":
+    main()
