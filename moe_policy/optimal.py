@@ -11,7 +11,7 @@ from moe_policy import store
 from moe_policy.clustering import Samples, SampleSource, samples_of
 from moe_policy.planner import NearestPlanner
 from moe_policy.scaling import Array
-from ocp_envs.guesses import guesses
+from ocp_envs.guesses import guesses, random_kind
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solver import GuardedSolver, Solutions
 from ocp_envs.trajectory import Trajectory
@@ -33,7 +33,7 @@ class SolverPlanner:
 
     Every p is started from its nearest samples in ``database``: among ``lookaround`` of them, the ``neighbours``
     nearest of every mode that occurs there. Beside that, or without a database, each winding of the goal is started
-    from ``starts`` guesses with random controls. The guesses depend on the seed and on p alone, so a plan does not
+    from ``starts`` random guesses. The guesses depend on the seed and on p alone, so a plan does not
     depend on the batch it is made in.
 
     Args:
@@ -104,7 +104,8 @@ class SolverPlanner:
         if len(each):
             for row in every:
                 rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
-                parts.append(guesses(self.problem, np.repeat(p[row : row + 1], len(each), axis=0), each, rng))
+                repeated = np.repeat(p[row : row + 1], len(each), axis=0)
+                parts.append(guesses(self.problem, repeated, each, rng, random_kind(self.problem)))
                 rows.append(np.full(len(each), row))
                 windings.append(each)
         if not parts:

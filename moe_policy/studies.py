@@ -49,6 +49,7 @@ class Study:
         short_learners: the same for a comparison made anew within minutes.
         paper_settings: planners that are also trained as the paper does.
         stored: how many training problems the shipped nearest-neighbour planner keeps; all where ``None``.
+        lookaround: among how many nearest stored solutions the optimal planner looks for modes to start from.
         problems: how many training problems the planners are trained on, those that were solved first; all where
             ``None``.
     """
@@ -65,6 +66,7 @@ class Study:
     short_learners: Mapping[str, RLSettings] = field(default_factory=dict)
     paper_settings: tuple[str, ...] = ()
     stored: int | None = None
+    lookaround: int = 12
     problems: int | None = None
 
 
@@ -155,6 +157,7 @@ _OBSTACLE = Study(
     sized=("snn", "moe-custom"),
     fewer_seeds=1,
     stored=4_000,
+    lookaround=2,
     problems=100_000,
 )
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.check import Check, verify
 from ocp_envs.guard import Factory, Guard
-from ocp_envs.guesses import Kind, guesses
+from ocp_envs.guesses import Kind, guesses, random_kind
 from ocp_envs.nlp import NlpSolver, SolverSettings, Status
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solutions import Solutions, best_per_mode, collect, make_tasks
@@ -175,7 +175,7 @@ def solve(
     rng, count = np.random.default_rng(seed), len(problem.targets)
     windings = np.arange(count)
     repeated = np.repeat(parameters, count, axis=0)
-    kinds: list[Kind] = ["line", *["drift"] * (starts - 1)]  # type: ignore[list-item]
+    kinds: list[Kind] = ["line", *[random_kind(problem)] * (starts - 1)]
     tried = [guesses(problem, repeated, windings, rng, kind) for kind in kinds]
     # A forked process must not talk to its parent's child, nor a thread to another thread's.
     solver = _shared_solver(problem, os.getpid(), threading.get_ident())

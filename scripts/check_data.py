@@ -30,12 +30,14 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.optimal import SolverPlanner
+from moe_policy.studies import study_of
 from ocp_envs.database import Database
 from ocp_envs.guesses import Kind
 from ocp_envs.nlp import Status
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
 from ocp_envs.solver import GuardedSolver, SolverSettings, guesses, verify
+from ocp_envs.splits import split_of
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 from ocp_envs.workers import WorkerPool
@@ -116,8 +118,10 @@ def draw(
         return ocp_envs.sample(problem, SEED, count), None
     if source not in databases:
         raise SystemExit(f"--cases-from {source}: there are fresh, {', '.join(databases)}")
-    rows = np.random.default_rng(SEED).permutation(len(databases[source]))[:count]
-    return databases[source].parameters[rows], databases[source].costs()[rows].min(axis=1)
+    database = databases[source]
+    pool = database.first(study_of(problem).problems if source == "training" else None)
+    rows = np.random.default_rng(SEED).permutation(pool)[:count]
+    return database.parameters[rows], database.costs()[rows].min(axis=1)
 
 
 def by_solve(problem: OptimalControlProblem, cases: Array) -> Array:
@@ -126,7 +130,8 @@ def by_solve(problem: OptimalControlProblem, cases: Array) -> Array:
 
 def by_generate(problem: OptimalControlProblem, cases: Array) -> Array:
     with tempfile.TemporaryDirectory() as folder:
-        return ocp_envs.generate(problem, Path(folder) / "cases.zarr", cases).costs().min(axis=1)
+        settings = split_of(problem, "training").settings
+        return ocp_envs.generate(problem, Path(folder) / "cases.zarr", cases, settings=settings).costs().min(axis=1)
 
 
 def compare(ours: Array, costs: Array, cases: Array, targets: Array, tolerance: float) -> dict[str, Any]:

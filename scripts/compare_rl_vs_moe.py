@@ -112,7 +112,7 @@ def solve_all(problem: OptimalControlProblem, nearest: NearestPlanner, p: Array)
 
     def solve(begin: int) -> tuple[Trajectory, Array]:
         if not hasattr(local, "planner"):
-            local.planner = SolverPlanner(problem, nearest)
+            local.planner = SolverPlanner(problem, nearest, lookaround=study_of(problem).lookaround)
         return local.planner.best(p[begin : begin + SHARE])
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -144,7 +144,7 @@ def main() -> None:
     log(f"{len(parameters)} starts of {problem.id}")
 
     trajectories, found = solve_all(problem, nearest, parameters)
-    optimal = SolverPlanner(problem, nearest)
+    optimal = SolverPlanner(problem, nearest, lookaround=study_of(problem).lookaround)
     timed = time_planner(optimal, parameters, (1,), repeats=20) | time_planner(optimal, parameters, (1000,), repeats=1)
     planning = {str(batch): seconds for batch, seconds in timed.items()}
     gap = np.abs(found / costs - 1)
