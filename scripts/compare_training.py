@@ -103,7 +103,8 @@ def plan(problem: OptimalControlProblem, study: Study, seeds: int, total: int) -
             yield Run(name, seed, total, study.settings)
         for name in study.paper_settings:
             yield Run(name, seed, total, PAPER)
-    for seed in range(min(seeds, study.fewer_seeds)):
+        if seed >= study.fewer_seeds:
+            continue
         for hidden in study.ablation:
             if hidden != PAPER_SIZES[problem.id].single:
                 yield Run("snn", seed, total, study.settings, hidden)
