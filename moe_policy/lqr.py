@@ -14,6 +14,11 @@ distance of ū to the nearer bound as a share of the middle's,
 
 At the goal A and B are constant and P is the
 stabilising solution of the algebraic Riccati equation, found by python-control.
+
+A control must stay in its box. The cost of one tick and of what follows is, but for a constant,
+(u − u*)ᵀ H (u − u*) with H = R + BᵀPB and the unconstrained u* = ū − K δx, so the best control of the box is the
+nearest one in that metric: where one rotor stops, the others still make up for the torque. Clipping is the same for a
+single control, or for one that no other makes up for.
 """
 
 from __future__ import annotations
@@ -28,7 +33,7 @@ from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.simulation import Simulator
-from ocp_envs.system import frozen_array
+from ocp_envs.system import Box, frozen_array
 
 Array = NDArray[np.float64]
 
@@ -36,6 +41,8 @@ Array = NDArray[np.float64]
 TERMINAL_FACTOR = 10.0
 #: The recursion linearises at most this many different numbers of plans, see :meth:`Regulator.along`.
 _SIZES = 8
+#: Sweeps of :func:`nearest_control` at most, and the change of a control, as a share of its range, that ends them.
+_SWEEPS, _SETTLED = 100, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +103,36 @@ class TrackingWeights:
 CHOSEN: Mapping[str, Mapping[str, float]] = MappingProxyType(
     dict.fromkeys(
         ("Quadcopter-v0", "QuadcopterObstacle-v0"),
-        MappingProxyType({"state": 1.0, "control": 1.0, "terminal": 1e4, "room": 0.1}),
+        MappingProxyType({"state": 1.0, "control": 10.0, "terminal": 1e5, "room": 0.1}),
     )
 )
+
+
+def nearest_control(wanted: Array, metric: Array, box: Box) -> Array:
+    """The controls of ``box`` nearest to the ``wanted`` ones, each in its own metric.
+
+    Coordinate descent: each control in turn takes the best value given the others, which converges for a box and a
+    positive definite metric (Tseng, *Convergence of a block coordinate descent method*, 2001).
+
+    Args:
+        wanted: (B, nu).
+        metric: H, (B, nu, nu), symmetric and positive definite.
+        box: of the controls.
+    """
+    nearest = np.clip(wanted, box.lower, box.upper)
+    rows = np.flatnonzero((nearest != wanted).any(axis=1))
+    if len(box) == 1 or not len(rows):
+        return nearest
+    u, h, target = nearest[rows], metric[rows], wanted[rows]
+    for _ in range(_SWEEPS):
+        before = u.copy()
+        for i in range(len(box)):
+            slope = (h[:, i] * (u - target)).sum(axis=1)
+            u[:, i] = np.clip(u[:, i] - slope / h[:, i, i], box.lower[i], box.upper[i])
+        if (np.abs(u - before) <= _SETTLED * (box.upper - box.lower)).all():
+            break
+    nearest[rows] = u
+    return nearest
 
 
 class Regulator:
@@ -111,6 +145,7 @@ class Regulator:
 
     Attributes:
         hold: gain at the goal, (nu, nx); zero where the goal cannot be held.
+        hold_metric: H there, (nu, nu); the identity where the goal cannot be held.
         terminal: weight at the end of a plan, (nx, nx).
 
     Raises:
@@ -130,18 +165,20 @@ class Regulator:
             raise ValueError(f"{problem.id}: expected a terminal weight ({nx}, {nx}), got {terminal.shape}")
         self.problem, self.dt, self.weights = problem, float(dt), weights
         self._linearise = problem.batch_linearisation(Simulator(problem, dt).substeps)
-        self.hold, end = self._at_goal()
+        self.hold, self.hold_metric, end = self._at_goal()
         self.terminal: Array = end if terminal is None else terminal
 
-    def _at_goal(self) -> tuple[Array, Array]:
-        """Gain and cost-to-go of the hold (0 and 10 Q where there is none); the context is the middle of its box."""
+    def _at_goal(self) -> tuple[Array, Array, Array]:
+        """Gain, metric and cost-to-go of the hold (0, I, 10 Q where there is none) in the middle of the contexts."""
         problem, weights = self.problem, self.weights
+        nx, nu = problem.system.nx, problem.system.nu
         if problem.hold == 0:
-            return np.zeros((problem.system.nu, problem.system.nx)), TERMINAL_FACTOR * np.diag(weights.state)
+            return np.zeros((nu, nx)), np.eye(nu), TERMINAL_FACTOR * np.diag(weights.state)
         context = (problem.context.lower + problem.context.upper) / 2
         a, b = self.linearise(problem.goal.state[None], problem.goal.control[None], context[None])
-        gain, cost_to_go, _ = control.dlqr(a[0], b[0], np.diag(weights.state), np.diag(weights.control))
-        return np.asarray(gain), np.asarray(cost_to_go)
+        r = np.diag(weights.control)
+        gain, cost_to_go, _ = control.dlqr(a[0], b[0], np.diag(weights.state), r)
+        return np.asarray(gain), np.asarray(r + b[0].T @ cost_to_go @ b[0]), np.asarray(cost_to_go)
 
     def linearise(self, states: Array, controls: Array, contexts: Array) -> tuple[Array, Array]:
         """A (B, nx, nx) and B (B, nx, nu) of the step of ``dt`` seconds at (B, nx), (B, nu), (B, nc)."""
@@ -149,8 +186,8 @@ class Regulator:
         a, b = self._linearise(states, controls, contexts, np.full((size, 1), self.dt))
         return np.ascontiguousarray(a).reshape(size, nx, nx), np.ascontiguousarray(b).reshape(size, nx, nu)
 
-    def along(self, states: Array, controls: Array, contexts: Array, ticks: NDArray[np.int64]) -> Array:
-        """Time-varying gains along plans of different lengths.
+    def along(self, states: Array, controls: Array, contexts: Array, ticks: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Time-varying gains and metrics along plans of different lengths.
 
         Args:
             states: (B, T+1, nx), references at the ticks.
@@ -159,12 +196,14 @@ class Regulator:
             ticks: (B,), length of each plan, at most T.
 
         Returns:
-            (B, T+1, nu, nx): from a plan's last tick on, the gain of the hold.
+            K (B, T+1, nu, nx) and H (B, T+1, nu, nu): from a plan's last tick on, those of the hold.
         """
         size, longest, nu = controls.shape
         nx = states.shape[2]
         gains = np.empty((size, longest + 1, nu, nx))
         gains[:] = self.hold
+        metrics = np.empty((size, longest + 1, nu, nu))
+        metrics[:] = self.hold_metric
         # The longest plans first: at each tick the plans under way are a prefix. Prefixes are rounded up to a few
         # sizes, because each new batch size costs the setting up of a mapped function.
         order = np.argsort(-ticks, kind="stable")
@@ -178,12 +217,12 @@ class Regulator:
             a, b = self.linearise(states[padded, k], controls[padded, k], contexts[padded])
             a, b, rows = a[:n], b[:n], order[:n]
             bp = b.swapaxes(1, 2) @ p[:n]
-            r = weight[rows, k, :, None] * np.eye(nu)
-            gain = np.linalg.solve(r + bp @ b, bp @ a)
-            gains[rows, k] = gain
+            metric = weight[rows, k, :, None] * np.eye(nu) + bp @ b
+            gain = np.linalg.solve(metric, bp @ a)
+            gains[rows, k], metrics[rows, k] = gain, metric
             following = q + a.swapaxes(1, 2) @ p[:n] @ (a - b @ gain)
             p[:n] = (following + following.swapaxes(1, 2)) / 2
-        return gains
+        return gains, metrics
 
     def _control_weights(self, controls: Array) -> Array:
         """Diagonals of R_k for plans with ``controls`` (B, T, nu), of the same shape."""

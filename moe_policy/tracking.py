@@ -3,7 +3,7 @@
 Within a plan, at tick k after its start, with the reference x̄, ū of :mod:`moe_policy.resampling` and the gains K of
 :mod:`moe_policy.lqr`,
 
-    u = clip(ū_k − K_k (x ⊖ x̄_k)),
+    u = the control of the box nearest to ū_k − K_k (x ⊖ x̄_k) in the metric H_k,
 
 where ⊖ takes periodic coordinates the short way round. After the plan x̄ is the goal, ū the control that holds it and K
 the gain of the discrete regulator there; where a goal cannot be held K = 0, so ū is simply kept. That makes the hold
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moe_policy.lqr import Regulator, TrackingWeights
+from moe_policy.lqr import Regulator, TrackingWeights, nearest_control
 from moe_policy.policy import Planner, Policy, Schedule
 from moe_policy.resampling import Resampler
 from ocp_envs.problem import OptimalControlProblem
@@ -36,6 +36,7 @@ class Tracking:
         states: references (B, T+1, nx); from a plan's last tick on, the goal.
         controls: feed-forward (B, T+1, nu); from a plan's last tick on, the goal's control.
         gains: (B, T+1, nu, nx); from a plan's last tick on, the gain of the hold.
+        metrics: (B, T+1, nu, nu), in which controls are brought into their box; then that of the hold.
         clock: ticks since each plan's start, (B,).
         schedule: see :class:`Schedule`.
     """
@@ -43,6 +44,7 @@ class Tracking:
     states: Array
     controls: Array
     gains: Array
+    metrics: Array
     clock: NDArray[np.int64]
     schedule: Schedule
 
@@ -66,6 +68,7 @@ class Tracking:
             states=merge_ticks(self.states, new.states),
             controls=merge_ticks(self.controls, new.controls),
             gains=merge_ticks(self.gains, new.gains),
+            metrics=merge_ticks(self.metrics, new.metrics),
             clock=merge(self.clock, new.clock),
             schedule=Schedule(**schedule),
         )
@@ -144,18 +147,18 @@ class TrackingPolicy:
         # Between wild knots the interpolation overshoots, out of the box and into singularities of the dynamics.
         box = problem.system.state
         inside = np.clip(reference.states, box.lower, box.upper)
-        gains = self.regulator.along(inside, reference.controls, contexts, reference.ticks)
+        gains, metrics = self.regulator.along(inside, reference.controls, contexts, reference.ticks)
         rejected |= ~np.isfinite(gains).all(axis=(1, 2, 3))
 
         ticks = np.where(rejected, 0, reference.ticks)
         after = np.arange(gains.shape[1]) >= ticks[:, None]
         states = np.where(after[..., None], problem.goal.state, inside)
         controls = np.where(after[..., None], problem.goal.control, _padded(reference.controls, gains.shape[1]))
-        gains[after] = self.regulator.hold
+        gains[after], metrics[after] = self.regulator.hold, self.regulator.hold_metric
         plan_end = ticks * self.dt
         knot_step = np.where(rejected, np.nan, plan.step)
         schedule = Schedule(plan_end, plan_end + problem.hold, knot_step, clipped & ~rejected, rejected)
-        return Tracking(states, controls, gains, np.zeros(len(plan), np.int64), schedule)
+        return Tracking(states, controls, gains, metrics, np.zeros(len(plan), np.int64), schedule)
 
     def _into_boxes(self, plan: Trajectory, rejected: NDArray[np.bool_]) -> Trajectory:
         """The plans moved into the boxes of the problem; rejected ones replaced by the shortest stay at the goal."""
@@ -206,8 +209,8 @@ class TrackingPolicy:
         rows, tick = np.arange(len(x)), np.minimum(state.clock, state.states.shape[1] - 1)
         error = self.problem.system.difference(x, state.states[rows, tick])
         feedback = (state.gains[rows, tick] @ error[..., None])[..., 0]
-        box = self.problem.system.control
-        controls = np.clip(state.controls[rows, tick] - feedback, box.lower, box.upper)
+        wanted = state.controls[rows, tick] - feedback
+        controls = nearest_control(wanted, state.metrics[rows, tick], self.problem.system.control)
         return (controls[0] if single else controls), dataclasses.replace(state, clock=state.clock + 1)
 
 
@@ -229,9 +232,10 @@ class Stabiliser:
 
     def controls(self, states: Array) -> Array:
         """Controls (B, nu) at ``states`` (B, nx)."""
-        problem = self.problem
-        feedback = problem.system.difference(states, problem.goal.state) @ self.regulator.hold.T
-        return np.clip(problem.goal.control - feedback, problem.system.control.lower, problem.system.control.upper)
+        problem, regulator = self.problem, self.regulator
+        wanted = problem.goal.control - problem.system.difference(states, problem.goal.state) @ regulator.hold.T
+        metric = np.broadcast_to(regulator.hold_metric, (len(states), *regulator.hold_metric.shape))
+        return nearest_control(wanted, metric, problem.system.control)
 
     def predict(
         self,

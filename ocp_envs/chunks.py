@@ -129,7 +129,7 @@ def solve_chunk(task: Task) -> Rows:
     problem, solver = _worker(task.problem, task.settings.solver)
     owner, solutions = [], []
     if len(task.owner):
-        guess = _start_from(problem, task.parameters[task.owner], task.z)
+        guess = start_from(problem, task.parameters[task.owner], task.z)
         solutions.append(solver.solve(task.parameters[task.owner], guess, np.full(len(task.owner), _NEAREST_TARGET)))
         owner.append(task.owner)
     for rows, found in _multistart(problem, solver, task):
@@ -142,7 +142,7 @@ def solve_chunk(task: Task) -> Rows:
     return _rows(problem, task.parameters, np.concatenate(owner), Solutions.concatenate(solutions))
 
 
-def _start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
+def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
     """Neighbours' solutions, or a fit through them, as guesses in the boxes; the first state is the problem's own."""
     guess = Trajectory.from_flat(z, problem.knots, problem.system.nx, problem.system.nu)
     boxes = problem.system.state, problem.system.control

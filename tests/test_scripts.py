@@ -226,6 +226,28 @@ def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeyp
     assert again["rows"] == record["rows"]
 
 
+def test_compare_training_evaluates_kept_models_anew(data, script, monkeypatch, tmp_path):
+    module = script("compare_training")
+    run = module.Run("snn", 0, 30, QUICK)
+    folders = module.Folders(data / PENDULUM.id, tmp_path)
+    first = module.execute(PENDULUM.id, run, "key", folders)
+    monkeypatch.setattr(module, "train", None)
+    again = module.execute(PENDULUM.id, run, "key", folders)
+    assert again == first
+
+
+def test_choose_tracking(data, script, run, tmp_path):
+    module = script("choose_tracking")
+    fitted = moe_policy.fit_single(ocp_envs.Database.open(data / PENDULUM.id / "training.zarr"), settings=QUICK)
+    fitted.save(tmp_path / "snn")
+    arguments = ("--env", PENDULUM.id, "--planners", tmp_path / "snn", "--data", data, "--results", tmp_path)
+    run(module, *arguments)
+    rows = read(tmp_path / f"tracking_{PENDULUM.id}.json")["rows"]
+    assert len(rows) == 2 * len(module.CONTROL) * len(module.TERMINAL) * len(module.ROOM)
+    assert {row["name"] for row in rows} == {"optimal", "snn"}
+    assert len({row["plan_end_error_median"] for row in rows if row["name"] == "snn"}) > 10
+
+
 # -- README ------------------------------------------------------------------------------------------------------------
 
 

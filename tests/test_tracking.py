@@ -6,8 +6,9 @@ import control
 import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
+from scipy.optimize import lsq_linear
 
-from moe_policy.lqr import Regulator, TrackingWeights
+from moe_policy.lqr import Regulator, TrackingWeights, nearest_control
 from moe_policy.resampling import Resampler, count_ticks, mean_controls, states_at
 from moe_policy.tracking import Stabilised, Stabiliser, TrackingPolicy
 from ocp_envs.problems.pendulum import PENDULUM
@@ -130,12 +131,13 @@ def test_long_riccati_recursion_reaches_the_algebraic_solution(problem):
     regulator = Regulator(problem, DT, weights)
     states, controls = np.tile(problem.goal.state, (1, ticks + 1, 1)), np.tile(problem.goal.control, (1, ticks, 1))
     contexts = np.zeros((1, len(problem.context)))
-    gains = regulator.along(states, controls, contexts, np.array([ticks]))
+    gains, metrics = regulator.along(states, controls, contexts, np.array([ticks]))
     a, b = regulator.linearise(problem.goal.state[None], problem.goal.control[None], contexts)
     p = solve_discrete_are(a[0], b[0], np.eye(nx), 0.1 * np.eye(nu))
     exact = np.linalg.solve(0.1 * np.eye(nu) + b[0].T @ p @ b[0], b[0].T @ p @ a[0])
     np.testing.assert_allclose(gains[0, 0], exact, rtol=1e-5, atol=1e-6)
     np.testing.assert_allclose(regulator.hold, exact, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(metrics[0, 0], regulator.hold_metric, rtol=1e-5)
     assert np.abs(control.dlqr(a[0], b[0], np.eye(nx), 0.1 * np.eye(nu))[2]).max() < 1
 
 
@@ -145,7 +147,7 @@ def test_riccati_is_the_optimum_of_the_finite_horizon_problem():
     reference = Resampler(PENDULUM, DT)(plan, contexts)
     regulator = Regulator(PENDULUM, DT, TrackingWeights(np.array([4.0, 9.0]), np.array([0.1])))
     ticks = int(reference.ticks[0])
-    gains = regulator.along(reference.states, reference.controls, contexts, reference.ticks)
+    gains, _ = regulator.along(reference.states, reference.controls, contexts, reference.ticks)
     rows = np.zeros((ticks, 0))
     a, b = regulator.linearise(reference.states[0, :-1], reference.controls[0], rows)
     free, forced = np.eye(2), np.zeros((2, ticks))
@@ -194,6 +196,37 @@ def test_weights_are_validated():
         TrackingWeights([1.0], [0.0])
     with pytest.raises(ValueError, match="not negative"):
         TrackingWeights([-1.0], [1.0])
+
+
+def test_the_weights_of_controls_grow_near_their_bounds():
+    box = QUADCOPTER.system.control
+    weights = TrackingWeights.uniform(QUADCOPTER, 1.0, 3.0, room=0.1)
+    regulator = Regulator(QUADCOPTER, DT, weights)
+    middle, near, at = (box.lower + box.upper) / 2, box.lower + 0.8, box.upper
+    found = regulator._control_weights(np.stack([middle, near, at])[None])
+    np.testing.assert_allclose(found[0], np.outer([3.0, 3.0 / 0.4**2, 3.0 / 0.1**2], np.ones(4)))
+    constant = Regulator(QUADCOPTER, DT, TrackingWeights.uniform(QUADCOPTER, 1.0, 3.0))
+    np.testing.assert_array_equal(constant._control_weights(np.stack([middle, at])[None]), 3.0)
+
+
+@pytest.mark.parametrize("room", [0.0, 1.5, np.nan])
+def test_room_lies_between_nothing_and_the_middle(room):
+    with pytest.raises(ValueError, match="room"):
+        TrackingWeights.uniform(PENDULUM, room=room)
+
+
+def test_the_nearest_control_is_that_of_a_bounded_least_squares_problem():
+    rng = np.random.default_rng(0)
+    box, root = QUADCOPTER.system.control, rng.normal(size=(50, 4, 4))
+    wanted = rng.uniform(box.lower - 3, box.upper + 3, (50, 4))
+    found = nearest_control(wanted, root.swapaxes(1, 2) @ root, box)
+    for i in range(50):
+        exact = lsq_linear(root[i], root[i] @ wanted[i], (box.lower, box.upper), tol=1e-14)
+        excess = np.sum((root[i] @ (found[i] - wanted[i])) ** 2) / 2 - exact.cost
+        assert excess < 1e-6 * (1 + exact.cost)
+    clipped = np.clip(wanted, box.lower, box.upper)
+    assert not np.allclose(found, clipped)
+    np.testing.assert_array_equal(nearest_control(wanted, np.tile(np.diag([1.0, 2, 3, 4]), (50, 1, 1)), box), clipped)
 
 
 # -- tracking ----------------------------------------------------------------------------------------------------------
