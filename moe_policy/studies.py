@@ -134,11 +134,26 @@ _VEHICLE = Study(
     stored=10_000,
 )
 
+#: As for parking, with decisions as fast as the attitude needs them.
+_FLYING = PPOSettings(
+    steps=4_000_000,
+    period=0.04,
+    n_envs=256,
+    n_steps=64,
+    batch_size=2048,
+    n_epochs=8,
+    learning_rate=1e-3,
+    log_std=-1.0,
+    evaluate_every=500_000,
+    **_PARKING,  # type: ignore[arg-type]
+)
+
 _QUADCOPTER = Study(
     compared=("snn", "moe-kmeans-4"),
     models=("snn", "moe-kmeans-4"),
     settings=TrainingSettings(epochs=2000, learning_rate=5e-3, batch=32),
     published={"snn": Published(4.7e-5, 1000), "moe-kmeans-4": Published(4.6e-5, 1000)},
+    learners={"ppo": _FLYING},
     stored=2_000,
 )
 
@@ -156,6 +171,7 @@ _OBSTACLE = Study(
     sizes={10_000: 300, 30_000: 170},
     sized=("snn", "moe-custom"),
     fewer_seeds=1,
+    learners={"ppo": _FLYING},
     stored=4_000,
     lookaround=2,
     problems=100_000,
