@@ -64,7 +64,7 @@ def samples_of(data: Samples | SampleSource) -> Samples:
             f"{len(samples.trajectory)} trajectories, modes of shape {np.shape(samples.mode)}"
         )
     samples.problem.check_parameters(samples.parameters, extrapolate=True)
-    if samples.trajectory.flat().shape[1] != samples.problem.flat_size:
+    if samples.trajectory[:1].flat().shape[1] != samples.problem.flat_size:
         raise ValueError(f"the trajectories do not have the layout of {samples.problem.id}")
     if not samples.trajectory.finite.all():
         bad = int((~samples.trajectory.finite).sum())

@@ -250,10 +250,10 @@ def _one_epoch(
 ) -> float:
     order = torch.randperm(len(x), generator=generator)
     total = torch.zeros(())
-    for batch_x, batch_y in zip(x[order].split(batch), y[order].split(batch)):
-        value = loss(batch_x, batch_y, epoch)
+    for rows in order.split(batch):  # not x[order]: that would be a copy of all
+        value = loss(x[rows], y[rows], epoch)
         optimiser.zero_grad(set_to_none=True)
         value.backward()
         optimiser.step()
-        total += value.detach() * len(batch_x)
+        total += value.detach() * len(rows)
     return float(total) / len(x)

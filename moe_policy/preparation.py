@@ -27,6 +27,8 @@ from ocp_envs.problem import OptimalControlProblem
 # mixture of one expert is the single network.
 GATE, FIRST = 0, 1
 _WEIGHTS, _ORDER = 0, 1
+#: Rows that are standardised at once.
+_BLOCK = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +112,15 @@ def train_parts(parts: Sequence[Part], executor: Executor | None = None) -> list
     return [trained[i] for i in range(len(parts))]
 
 
+def _scaled(scaler: Standardizer, values: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Standardised rows in single precision, a block at a time: in double precision they need not fit beside it all."""
+    scaled = np.empty(values.shape, np.float32)
+    for begin in range(0, len(values), _BLOCK):
+        rows = slice(begin, begin + _BLOCK)
+        scaled[rows] = scaler.scale(values[rows])
+    return scaled
+
+
 def _rows(x: Tensor, y: Tensor, split: Split) -> tuple[NDArray[np.float32], NDArray[Any], Split]:
     """The rows of a split alone, and the split of these rows."""
     rows, place = np.unique(np.concatenate([split.training, split.test]), return_inverse=True)
@@ -151,7 +162,7 @@ class Prepared:
         split = Split.draw(len(flat), settings.test_share, seed)
         rows = split.training
         inputs, outputs = scalers or (Standardizer.fit(p[rows]), Standardizer.fit(flat[rows]))
-        x, y = (torch.from_numpy(scaled.astype(np.float32)) for scaled in (inputs.scale(p), outputs.scale(flat)))
+        x, y = (torch.from_numpy(_scaled(*pair)) for pair in ((inputs, p), (outputs, flat)))
         return cls(samples.problem, settings, seed, split, inputs, outputs, x, y)
 
     def network(self, hidden: Sequence[int], part: int, outputs: int | None = None) -> SingleNetwork:

@@ -76,7 +76,8 @@ class Trajectory:
     @property
     def finite(self) -> NDArray[np.bool_]:
         """Whether all values of a trajectory are finite, (B,)."""
-        return np.asarray(np.isfinite(self.flat()).all(axis=1))
+        inside = [np.isfinite(part).all(axis=(1, 2)) for part in (self.states, self.controls)]
+        return np.asarray(inside[0] & inside[1] & np.isfinite(self.duration))
 
     def flat(self) -> Array:
         """The flat layout z, (B, N·nx + (N-1)·nu + 1)."""
