@@ -93,6 +93,18 @@ def test_vehicle_models_reach_the_papers_successes():
     assert {(name, size) for name in ("snn", "moe-custom") for size in (3_000, 10_000, 30_000, 120_009)} <= sizes
 
 
+def test_quadcopter_models_reach_the_goal_before_the_hold():
+    record = read("compare_training_Quadcopter-v0")
+    for name in ("snn", "moe-kmeans-4"):
+        row = next(row for row in record["rows"] if row["name"] == name)
+        assert len(row["seeds"]) >= 3
+        assert row["success_spread"]["least"] == 1000
+        assert row["success_at_plan_end_spread"]["median"] >= 990
+    compared = {row["name"]: row for row in read("compare_Quadcopter-v0")["rows"]}
+    for name in ("snn", "moe-kmeans-4"):
+        assert compared[name]["cost_ratio"]["ratio"] < 1.02
+
+
 def test_every_failure_on_the_vehicle_has_a_cause():
     record = read("failures_GroundVehicle-v0_moe-custom")
     comparison = read("compare_GroundVehicle-v0")

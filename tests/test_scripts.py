@@ -248,6 +248,28 @@ def test_choose_tracking(data, script, run, tmp_path):
     assert len({row["plan_end_error_median"] for row in rows if row["name"] == "snn"}) > 10
 
 
+def test_the_other_reading_of_the_cost_swaps_velocity_and_angles(script):
+    module = script("check_sensitivity")
+    state, control = np.arange(1.0, 13.0), np.ones(4)
+    difference = module.swapped_rate(state, control, None, None) - module.cost_rate(state, control, None, None)
+    assert difference == pytest.approx(0.9 * (np.sum(state[6:9] ** 2) - np.sum(state[3:6] ** 2)))
+    assert module.SWAPPED.fingerprint != module.QUADCOPTER.fingerprint
+
+
+@pytest.mark.slow
+def test_a_family_is_followed_past_the_flip(script):
+    module = script("draw_obstacle")
+    problem = ocp_envs.load("QuadcopterObstacle-v0")
+    p = module.flip_parameters(problem, module.CENTRE, module.RADIUS, module.START_XY, *module.HEIGHTS, 6)
+    with module.GuardedSolver(problem) as solver:
+        plans, costs = module.follow(problem, solver, p)
+    assert len(plans) == 6
+    solved = np.isfinite(costs)
+    assert solved[:4].all()
+    assert (np.diff(costs[solved]) > 0).all()  # a higher start is further away
+    assert (plans.states[solved, 8, 2] < p[solved, 5]).all()  # below the centre of the sphere
+
+
 # -- README ------------------------------------------------------------------------------------------------------------
 
 

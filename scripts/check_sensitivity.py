@@ -1,0 +1,85 @@
+"""The quadcopter under the other reading of its cost: are the conclusions the same?
+
+The paper prints the state weights for (position, velocity, angles, rates), while the program it describes orders states
+as (position, angles, velocity, rates): the weights 1 of the velocity and 0.1 of the angles may be swapped. Here the
+problem with swapped weights is generated, learnt and tracked as ``Quadcopter-v0`` is, from the same starts and with the
+same settings. Databases go to ``data/QuadcopterSwapped-v0/``, where an interrupted run goes on. Writes
+``results/sensitivity_Quadcopter-v0.json``.
+
+    python scripts/check_sensitivity.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import torch
+
+import ocp_envs
+from moe_policy import recipes
+from moe_policy.comparison import COLUMNS, Contestant, run
+from moe_policy.lqr import TrackingWeights
+from moe_policy.reporting import text_table
+from moe_policy.studies import study_of
+from ocp_envs.problems.quadcopter import QUADCOPTER, cost_rate
+from ocp_envs.records import provenance, write_json
+from ocp_envs.splits import split_of
+from ocp_envs.workers import WorkerPool
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def swapped_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+    """The cost rate with the weights of velocity and angles exchanged."""
+    return cost_rate([*state[:3], *state[6:9], *state[3:6], *state[9:]], control, context, c)
+
+
+SWAPPED = dataclasses.replace(QUADCOPTER, id="QuadcopterSwapped-v0", cost_rate=swapped_rate)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
+    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
+    parser.add_argument("--workers", type=int, help="processes; one per core by default")
+    arguments = parser.parse_args()
+
+    torch.set_num_threads(1)
+    ocp_envs.register(SWAPPED)
+    study, weights = study_of(QUADCOPTER), TrackingWeights.default(QUADCOPTER)
+    databases = {}
+    for name in ("training", "validation"):
+        split = split_of(QUADCOPTER, name)
+        path = arguments.data / SWAPPED.id / f"{name}.zarr"
+        databases[name] = ocp_envs.generate(
+            SWAPPED,
+            path,
+            split.parameters(QUADCOPTER),
+            seed=split.seed,
+            settings=split.settings,
+            workers=arguments.workers,
+        )
+        print(f"{name}: {databases[name].totals()}", flush=True)
+    training, validation = databases["training"].samples(), databases["validation"].samples()
+    p, optimal = validation.parameters, validation.trajectory
+    row, baseline = run(SWAPPED, Contestant("optimal", lambda p: optimal), p, weights=weights, batches=())
+    rows = [row]
+    for name in study.compared:
+        with WorkerPool(arguments.workers) as pool:
+            planner: Any = recipes.make(name, training, settings=study.settings, executor=pool)
+        contestant = Contestant(name, planner, f"{len(training):,} solutions", planner.details["training"]["seconds"])
+        row, _ = run(SWAPPED, contestant, p, optimal=optimal, baseline=baseline, weights=weights, batches=())
+        rows.append(row)
+        print(f"{name}: {row['success']['count']} of {len(p)}", flush=True)
+    record = {"env_id": SWAPPED.id, "cases": len(p), "rows": rows, "provenance": provenance()}
+    write_json(arguments.results / f"sensitivity_{QUADCOPTER.id}.json", record)
+    print(text_table(rows, COLUMNS))
+
+
+if __name__ == "__main__":
+    main()
