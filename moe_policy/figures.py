@@ -149,6 +149,9 @@ def sizes_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]
                 ax.fill_between(counts, values[:, 0], values[:, 2], color=COLORS[i], alpha=0.2, linewidth=0)
                 ax.plot(counts, values[:, 1], "o-", color=COLORS[i], label=name, markersize=4)
             ax.set(xscale="log", yscale="log", xlabel="training problems", title=title)
+            if constrained:  # hardly a decade: every number stands where it is
+                ax.yaxis.set_major_formatter("{x:g}")
+                ax.yaxis.set_minor_formatter("{x:g}")
         panels[0].set_ylabel("mean violation, m" if constrained else f"failures of {cases:,}")
         panels[0].legend()
 

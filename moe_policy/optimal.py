@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Protocol
 
 import numpy as np
@@ -11,12 +12,14 @@ from moe_policy import store
 from moe_policy.clustering import Samples, SampleSource, samples_of
 from moe_policy.planner import NearestPlanner
 from moe_policy.scaling import Array
-from ocp_envs.guesses import guesses, random_kind
+from ocp_envs.guesses import Kind, guesses, random_kind
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solver import GuardedSolver, Solutions
 from ocp_envs.trajectory import Trajectory
 
 _NEAREST_TARGET = -1
+#: Random guesses for each winding of a problem that no warm start solves, beside a straight line.
+_MORE = 3
 
 
 class BatchSolver(Protocol):
@@ -33,8 +36,8 @@ class SolverPlanner:
 
     Every p is started from its nearest samples in ``database``: among ``lookaround`` of them, the ``neighbours``
     nearest of every mode that occurs there. Beside that, or without a database, each winding of the goal is started
-    from ``starts`` random guesses. The guesses depend on the seed and on p alone, so a plan does not
-    depend on the batch it is made in.
+    from ``starts`` random guesses. What no warm start solves is tried once more, from a line and a few random guesses.
+    The guesses depend on the seed and on p alone, so a plan does not depend on the batch it is made in.
 
     Args:
         problem: what to solve.
@@ -82,7 +85,18 @@ class SolverPlanner:
     def best(self, p: ArrayLike) -> tuple[Trajectory, Array]:
         """The cheapest verified solution of B parameters, and its cost (B,); NaN and +inf where there is none."""
         checked = self.problem.check_parameters(p, extrapolate=True)
-        rows, guess, windings = self._guesses(checked)
+        usual = [random_kind(self.problem)] * self.starts
+        trajectory, cost = self._best(checked, usual, self._nearest)
+        lost = np.flatnonzero(~np.isfinite(cost))
+        if self._nearest is None or not len(lost):
+            return trajectory, cost
+        again, cost[lost] = self._best(checked[lost], ["line", *[random_kind(self.problem)] * _MORE], None)
+        merged, system = trajectory.flat(), self.problem.system
+        merged[lost] = again.flat()
+        return Trajectory.from_flat(merged, self.problem.knots, system.nx, system.nu), cost
+
+    def _best(self, checked: Array, kinds: list[Kind], nearest: NearestPlanner | None) -> tuple[Trajectory, Array]:
+        rows, guess, windings = self._guesses(checked, kinds, nearest)
         if not len(rows):
             return guess, np.empty(0)
         solutions = self.solver.solve(checked[rows], guess, windings, persist=False)
@@ -91,21 +105,23 @@ class SolverPlanner:
         best = order[np.searchsorted(rows[order], np.arange(len(checked)))]
         return solutions.trajectory[best], solutions.cost[best]
 
-    def _guesses(self, p: Array) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
-        """Row of p, guess and winding of every solve."""
+    def _guesses(
+        self, p: Array, kinds: list[Kind], around: NearestPlanner | None
+    ) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
+        """Row of p, guess and winding of every solve: warm starts, and a guess of each of ``kinds`` to each winding."""
         every = np.arange(len(p))
         rows, parts, windings = [], [], []
-        if self._nearest is not None and len(p):
-            owner, sample = self._warm_starts(self._nearest, p)
+        if around is not None and len(p):
+            owner, sample = self._warm_starts(around, p)
             rows.append(owner)
-            parts.append(self._nearest.trajectory[sample])
+            parts.append(around.trajectory[sample])
             windings.append(np.full(len(owner), _NEAREST_TARGET))
-        each = np.repeat(np.arange(len(self.problem.targets)), self.starts)
-        if len(each):
-            for row in every:
-                rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
+        for row in every if kinds else ():
+            rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
+            for kind, group in itertools.groupby(kinds):
+                each = np.repeat(np.arange(len(self.problem.targets)), len(list(group)))
                 repeated = np.repeat(p[row : row + 1], len(each), axis=0)
-                parts.append(guesses(self.problem, repeated, each, rng, random_kind(self.problem)))
+                parts.append(guesses(self.problem, repeated, each, rng, kind))
                 rows.append(np.full(len(each), row))
                 windings.append(each)
         if not parts:
