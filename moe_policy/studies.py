@@ -164,7 +164,7 @@ _QUADCOPTER = Study(
 
 #: Success says nothing where every plan ends at the goal: the paper counts how far trajectories enter the sphere.
 _OBSTACLE = Study(
-    compared=("snn", "moe-custom", "moe-kmeans-20"),
+    compared=("snn", "moe-custom", "moe-kmeans-8"),
     models=("snn", "moe-custom", "moe-kmeans-8", "moe-kmeans-20"),
     settings=TrainingSettings(epochs=100, learning_rate=3e-3, gate_batch=256),
     published={
@@ -177,7 +177,7 @@ _OBSTACLE = Study(
     sized=("snn", "moe-custom"),
     fewer_seeds=1,
     learners={"ppo": _FLYING},
-    stored=4_000,
+    stored=2_000,
     lookaround=2,
     problems=100_000,
 )

@@ -23,7 +23,7 @@ def random_kind(problem: OptimalControlProblem) -> Kind:
     """The kind of random guesses for a problem of which nothing else is known.
 
     Random motions find the families that differ in the winding of the goal. Where the goal is one state they only
-    disturb: fatrop hangs on a tenth of them for the quadcopter.
+    disturb: fatrop hangs on many of them for the quadcopter.
     """
     return "drift" if len(problem.targets) > 1 else "bend"
 

@@ -10,9 +10,10 @@ becomes the lower bound), a NaN control becomes its lower bound, and the cost of
 the largest cost rate times dt. A cost that is not finite counts as leaving, too.
 
 A tick takes as many Runge-Kutta steps as keep each within the problem's ``longest_substep``. Accuracy of a tick of
-0.02 s, *measured* against SciPy's DOP853: over the middle 30 % of the boxes of state and control all problems are
-within 5e-6. Over the whole boxes the pendulum (one step) is within 2e-9 and the vehicle (one step) within 1e-4; the
-quadcopter (two steps), tumbling at 8 rad/s next to the singularity of its angles, is off by up to 5e-5 (median 9e-7).
+0.02 s against SciPy's DOP853 (results/benchmark_env.json, made by scripts/benchmark_env.py): over the middle two thirds
+of the boxes of state and control the vehicle (one step) and the quadcopter (two) are within 2.5e-6. Over the whole
+boxes the vehicle is within 7e-5; the quadcopter, tumbling at 8 rad/s next to the singularity of its angles, is off by
+up to 4e-4 (2e-5 in 99 % of the cases, 8e-7 in the median).
 """
 
 from __future__ import annotations

@@ -152,6 +152,20 @@ def test_warm_starts_come_from_the_modes_nearby():
     assert (windings == -1).all()
 
 
+def test_what_no_warm_start_solves_is_tried_again_from_other_guesses():
+    """The solver refuses whatever lasts as long as a stored trajectory, for one of two problems."""
+    p = np.array([[1.0, 0.0], [4.0, 1.0]])
+    solver = Recorder(lambda q, duration: (q[:, 0] < 3) | ~np.isin(duration, SAMPLES.trajectory.duration))
+    plan, cost = SolverPlanner(PENDULUM, SAMPLES, solver=solver).best(p)
+    assert plan.finite.all()
+    np.testing.assert_array_equal(plan.duration, cost)
+    assert np.isin(cost[0], SAMPLES.trajectory.duration)
+    parameters, windings = solver.calls[1]
+    assert len(solver.calls) == 2
+    assert (parameters == p[1]).all()
+    assert np.bincount(windings).tolist() == [4, 4, 4]  # a line and three random guesses to every winding
+
+
 def test_without_guesses_there_is_nothing_to_solve():
     with pytest.raises(ValueError, match="no guesses"):
         SolverPlanner(PENDULUM, starts=0, solver=Recorder())

@@ -49,10 +49,11 @@ CONSTANTS = {
 HOVER_THRUST = CONSTANTS["mass"] * CONSTANTS["gravity"] / 4
 #: Diagonal of the state weight Q, in the paper's order (position, velocity, angles, rates).
 STATE_WEIGHTS = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0)
-#: Two Runge-Kutta steps for a control period of 0.02 s. *Measured* against DOP853, the norm of the error of 0.02 s is
-#: then at most 1e-7 on optimal plans, 2.5e-6 over the middle two thirds of the boxes of state and control, and 5e-5
-#: (median 9e-7) over all of them, where the vehicle tumbles at 8 rad/s next to the singularity of its angles. One step:
-#: 1.5e-6, 4e-5, 6e-4; four: 5e-9, 1.5e-7, 3e-6, at 60 % of the speed of two.
+#: Two Runge-Kutta steps for a control period of 0.02 s. Against DOP853 (results/benchmark_env.json, made by
+#: scripts/benchmark_env.py) the norm of the error of 0.02 s is then at most 2.5e-6 over the middle two thirds of the
+#: boxes of state and control. Over all of them it is 8e-7 in the median and 2e-5 in 99 % of the cases; the worst, 4e-4,
+#: tumble at 8 rad/s next to the singularity of the angles. One step: 4e-5, 1.3e-5, 3e-4, 1.3e-3; four: 1.6e-7, 5e-8,
+#: 1.4e-6, 4e-5, but below the 200,000 steps per second that the environment is to make.
 LONGEST_SUBSTEP = 0.01
 #: Multipliers of the obstacle below this share of the largest count as zero.
 NEGLIGIBLE = 1e-6
