@@ -20,11 +20,13 @@ from numpy.typing import NDArray
 from sklearn.cluster import KMeans
 from sklearn.decomposition import PCA
 
-from moe_policy.scaling import Array, Standardizer
+from moe_policy.scaling import Array, Standardizer, blocks
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.trajectory import Trajectory
 
 METHODS = ("custom", "kmeans", "kmeans-pca")
+#: k-means finds its centres on as many samples at most, random ones; the others join the nearest.
+FITTED = 150_000
 
 
 class Samples(Protocol):
@@ -160,19 +162,34 @@ def _by_mode(samples: Samples) -> Labels:
 
 
 def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, seed: int, n_init: int) -> Labels:
-    flat = samples.trajectory.flat()
-    if not 1 <= k <= len(flat):
-        raise ValueError(f"k must lie in 1 … {len(flat)}, the number of samples; got {k}")
-    features = Standardizer.fit(flat).scale(flat)
+    trajectory, count = samples.trajectory, len(samples.parameters)
+    if not 1 <= k <= count:
+        raise ValueError(f"k must lie in 1 … {count}, the number of samples; got {k}")
+    fitted_on = np.arange(count)
+    if count > FITTED:
+        fitted_on = np.sort(np.random.default_rng(seed).permutation(count)[:FITTED])
+    flat = trajectory[fitted_on].flat()
+    scaler = Standardizer.fit(flat)
+    features = scaler.scale(flat)
     settings: dict[str, Any] = {"k": k, "seed": seed, "n_init": n_init}
+    projection: PCA | None = None
     if components is not None:
-        if not 1 <= components <= min(flat.shape):
-            raise ValueError(f"components must lie in 1 … {min(flat.shape)}, got {components}")
+        if not 1 <= components <= min(features.shape):
+            raise ValueError(f"components must lie in 1 … {min(features.shape)}, got {components}")
         projection = PCA(n_components=components, svd_solver="full").fit(features)
         features = projection.transform(features)
         settings |= {"components": components, "explained": float(projection.explained_variance_ratio_.sum())}
     fitted = KMeans(n_clusters=k, n_init=n_init, random_state=seed).fit(features)
+    labels = fitted.labels_
+    if count > FITTED:
+
+        def nearest(rows: slice) -> NDArray[np.int64]:
+            values = scaler.scale(trajectory[rows].flat())
+            return np.asarray(fitted.predict(values if projection is None else projection.transform(values)))
+
+        labels = np.concatenate([nearest(rows) for rows in blocks(count)])
+        settings["fitted_on"] = FITTED
     # Identical trajectories can leave fewer clusters than asked for.
-    present, values = np.unique(fitted.labels_, return_inverse=True)
+    present, values = np.unique(labels, return_inverse=True)
     settings["inertia"] = float(fitted.inertia_)
     return Labels(values, tuple(f"cluster {i}" for i in range(len(present))), method, settings)

@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
+#: Rows that a loss is evaluated on at once.
+_TOGETHER = 8192
 #: (inputs, wanted outputs, epoch) → mean loss of the batch.
 Loss = Callable[[Tensor, Tensor, int], Tensor]
 
@@ -173,6 +175,15 @@ def generator_for(seed: int, *stream: int) -> torch.Generator:
     return torch.Generator().manual_seed(state)
 
 
+def mean_loss(loss: Loss, inputs: Tensor, outputs: Tensor, rows: NDArray[np.int64], epoch: int) -> float:
+    """Mean of ``loss`` over ``rows``, without gradients, some thousand rows at a time."""
+    total = 0.0
+    with torch.no_grad():
+        for part in torch.from_numpy(rows).split(_TOGETHER):
+            total += float(loss(inputs[part], outputs[part], epoch)) * len(part)
+    return total / len(rows)
+
+
 def minimise(
     parameters: Sequence[torch.nn.Parameter],
     loss: Loss,
@@ -206,8 +217,7 @@ def minimise(
     """
     began = time.perf_counter()
     parameters = list(parameters)
-    x, y = inputs[torch.from_numpy(split.training)], outputs[torch.from_numpy(split.training)]
-    test_x, test_y = inputs[torch.from_numpy(split.test)], outputs[torch.from_numpy(split.test)]
+    training = torch.from_numpy(split.training)
     optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate, fused=True)
     training_losses: list[float] = []
     test_losses: list[float] = []
@@ -215,9 +225,8 @@ def minimise(
     hidden = None if progress is None else not progress
     for epoch in tqdm(range(settings.epochs), desc=name, disable=hidden, leave=False):
         optimiser.param_groups[0]["lr"] = settings.rate(epoch)
-        training_losses.append(_one_epoch(optimiser, loss, x, y, batch, epoch, generator))
-        with torch.no_grad():
-            test_losses.append(float(loss(test_x, test_y, epoch)))
+        training_losses.append(_one_epoch(optimiser, loss, inputs, outputs, training, batch, epoch, generator))
+        test_losses.append(mean_loss(loss, inputs, outputs, split.test, epoch))
         if not math.isfinite(training_losses[-1] + test_losses[-1]):
             raise FloatingPointError(f"{name}: the loss is not finite in epoch {epoch}; lower learning_rate")
         if epoch <= settled or test_losses[-1] < test_losses[best_epoch]:
@@ -229,8 +238,8 @@ def minimise(
             parameter.copy_(kept)
     return PartReport(
         name,
-        len(x),
-        len(test_x),
+        len(split.training),
+        len(split.test),
         tuple(training_losses),
         tuple(test_losses),
         best_epoch,
@@ -244,11 +253,12 @@ def _one_epoch(
     loss: Loss,
     x: Tensor,
     y: Tensor,
+    training: Tensor,
     batch: int,
     epoch: int,
     generator: torch.Generator,
 ) -> float:
-    order = torch.randperm(len(x), generator=generator)
+    order = training[torch.randperm(len(training), generator=generator)]
     total = torch.zeros(())
     for rows in order.split(batch):  # not x[order]: that would be a copy of all
         value = loss(x[rows], y[rows], epoch)
@@ -256,4 +266,4 @@ def _one_epoch(
         value.backward()
         optimiser.step()
         total += value.detach() * len(rows)
-    return float(total) / len(x)
+    return float(total) / len(training)

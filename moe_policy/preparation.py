@@ -17,18 +17,26 @@ from tqdm import tqdm
 
 from moe_policy.architectures import layer_sizes
 from moe_policy.clustering import Samples, SampleSource, samples_of
-from moe_policy.fitting import PartReport, Split, TrainingReport, TrainingSettings, generator_for, minimise
+from moe_policy.fitting import (
+    PartReport,
+    Split,
+    TrainingReport,
+    TrainingSettings,
+    generator_for,
+    mean_loss,
+    minimise,
+)
 from moe_policy.networks import Mixing, MixtureOfExperts, SingleNetwork
 from moe_policy.planner import NetworkPlanner
-from moe_policy.scaling import Standardizer
+from moe_policy.scaling import Standardizer, blocks
+from ocp_envs import scratch
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.records import peak_memory_gb
 
 # Numbers of the random streams: the part, then the purpose. A single network and a first expert share theirs, so that a
 # mixture of one expert is the single network.
 GATE, FIRST = 0, 1
 _WEIGHTS, _ORDER = 0, 1
-#: Rows that are standardised at once.
-_BLOCK = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +83,11 @@ def train_part(part: Part, progress: bool | None = None) -> tuple[SingleNetwork,
     )
     if not gate:
         return network, report
-    rows = part.split.test
-    with torch.inference_mode():
-        accuracy = float((network(x[rows]).argmax(dim=1) == y[rows]).double().mean())
-    return network, dataclasses.replace(report, accuracy=accuracy)
+
+    def correct(inputs: Tensor, classes: Tensor, epoch: int) -> Tensor:
+        return (network(inputs).argmax(dim=1) == classes).double().mean()
+
+    return network, dataclasses.replace(report, accuracy=mean_loss(correct, x, y, part.split.test, 0))
 
 
 def _in_worker(part: Part) -> tuple[dict[str, NDArray[Any]], PartReport]:
@@ -112,17 +121,26 @@ def train_parts(parts: Sequence[Part], executor: Executor | None = None) -> list
     return [trained[i] for i in range(len(parts))]
 
 
-def _scaled(scaler: Standardizer, values: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Standardised rows in single precision, a block at a time: in double precision they need not fit beside it all."""
-    scaled = np.empty(values.shape, np.float32)
-    for begin in range(0, len(values), _BLOCK):
-        rows = slice(begin, begin + _BLOCK)
-        scaled[rows] = scaler.scale(values[rows])
-    return scaled
+#: The rows of an array that is too large to be held in double precision: rows → values (B, n).
+_Read = Callable[[Any], NDArray[np.float64]]
+
+
+def _fitted(read: _Read, rows: NDArray[np.int64]) -> Standardizer:
+    return Standardizer.fit_blocks(lambda: (read(rows[part]) for part in blocks(len(rows))))
+
+
+def _scaled(scaler: Standardizer, read: _Read, count: int) -> Tensor:
+    """All rows, standardised, in single precision."""
+    scaled = scratch.empty((count, len(scaler)), np.float32)
+    for part in blocks(count):
+        scaled[part] = scaler.scale(read(part))
+    return torch.from_numpy(scaled)
 
 
 def _rows(x: Tensor, y: Tensor, split: Split) -> tuple[NDArray[np.float32], NDArray[Any], Split]:
-    """The rows of a split alone, and the split of these rows."""
+    """The rows of a split alone, and the split of these rows; no copy where these are all."""
+    if len(split.training) + len(split.test) == len(x):
+        return x.numpy(), y.numpy(), split
     rows, place = np.unique(np.concatenate([split.training, split.test]), return_inverse=True)
     cut = len(split.training)
     return x[rows].numpy(), y[rows].numpy(), Split(place[:cut], place[cut:])
@@ -136,7 +154,8 @@ class Prepared:
         problem, settings, seed: of the training.
         split: which rows train and which test.
         inputs, outputs: scalers of p and of flat trajectories.
-        x, y: standardised p (M, np) and flat trajectories (M, flat_size), float32.
+        x, y: standardised p (M, np) and flat trajectories (M, flat_size), float32; in files where they are large
+            (:mod:`ocp_envs.scratch`), so that a training reads its minibatches from disk.
     """
 
     problem: OptimalControlProblem
@@ -158,11 +177,17 @@ class Prepared:
     ) -> Prepared:
         """Prepare a database; ``scalers`` (inputs, outputs) replace those of the training split."""
         samples = samples_of(database)
-        p, flat = samples.parameters, samples.trajectory.flat()
-        split = Split.draw(len(flat), settings.test_share, seed)
-        rows = split.training
-        inputs, outputs = scalers or (Standardizer.fit(p[rows]), Standardizer.fit(flat[rows]))
-        x, y = (torch.from_numpy(_scaled(*pair)) for pair in ((inputs, p), (outputs, flat)))
+        count = len(samples.parameters)
+        split = Split.draw(count, settings.test_share, seed)
+
+        def parameters(rows: Any) -> NDArray[np.float64]:
+            return samples.parameters[rows]
+
+        def flat(rows: Any) -> NDArray[np.float64]:
+            return samples.trajectory[rows].flat()
+
+        inputs, outputs = scalers or (_fitted(parameters, split.training), _fitted(flat, split.training))
+        x, y = _scaled(inputs, parameters, count), _scaled(outputs, flat, count)
         return cls(samples.problem, settings, seed, split, inputs, outputs, x, y)
 
     def network(self, hidden: Sequence[int], part: int, outputs: int | None = None) -> SingleNetwork:
@@ -194,16 +219,17 @@ class Prepared:
         **details: Any,
     ) -> NetworkPlanner:
         """The trained planner with its record, to which ``details`` are added."""
-        rows = self.split.test
-        with torch.inference_mode():
-            mixed = isinstance(network, MixtureOfExperts)
-            predicted = network(self.x[rows], mixing) if mixed else network(self.x[rows])
-            report = TrainingReport(tuple(parts), float(F.smooth_l1_loss(predicted, self.y[rows])))
+        mixed = isinstance(network, MixtureOfExperts)
+
+        def loss(x: Tensor, y: Tensor, epoch: int) -> Tensor:
+            return F.smooth_l1_loss(network(x, mixing) if mixed else network(x), y)
+
+        report = TrainingReport(tuple(parts), mean_loss(loss, self.x, self.y, self.split.test, 0))
         record = {
             "seed": self.seed,
             "samples": len(self.x),
             "settings": dataclasses.asdict(self.settings),
             **details,
-            "training": report.summary(),
+            "training": report.summary() | {"peak_memory_gb": peak_memory_gb()},
         }
         return NetworkPlanner(self.problem, name, network, self.inputs, self.outputs, mixing, record, report)

@@ -6,6 +6,7 @@ is set to 1, as in Tang & Hauser's experiments.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 SMALLEST_DEVIATION = 1e-3
+#: Rows that are worked on at once: in double precision they need not all fit in memory.
+BLOCK = 20_000
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """``count`` rows, :data:`BLOCK` at a time."""
+    return (slice(begin, min(begin + BLOCK, count)) for begin in range(0, count, BLOCK))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,11 +59,28 @@ class Standardizer:
         array = np.asarray(values, dtype=np.float64)
         if array.ndim != 2 or len(array) == 0:
             raise ValueError(f"expected values of shape (M, n) with at least one row, got {array.shape}")
-        if not np.isfinite(array).all():
-            row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
-            raise ValueError(f"values to standardise must be finite; row {row} is not: drop unsolved samples first")
-        std = array.std(axis=0)
-        return cls(array.mean(axis=0), np.where(std < SMALLEST_DEVIATION, 1.0, std))
+        return cls.fit_blocks(lambda: (array[rows] for rows in blocks(len(array))))
+
+    @classmethod
+    def fit_blocks(cls, read: Callable[[], Iterable[Array]]) -> Standardizer:
+        """:meth:`fit` on rows that need not be in memory together.
+
+        Args:
+            read: returns the rows, some at a time, (B, n) each; it is called twice, first for the means.
+
+        Raises:
+            ValueError: a value that is not finite.
+        """
+        count, total = 0, 0.0
+        for block in read():
+            if not np.isfinite(block).all():
+                row = count + int(np.flatnonzero(~np.isfinite(block).all(axis=1))[0])
+                raise ValueError(f"values to standardise must be finite; row {row} is not: drop unsolved samples first")
+            count, total = count + len(block), total + block.sum(axis=0)
+        mean = np.asarray(total / count)
+        squares = sum(((block - mean) ** 2).sum(axis=0) for block in read())
+        std = np.sqrt(squares / count)
+        return cls(mean, np.where(std < SMALLEST_DEVIATION, 1.0, std))
 
     def _checked(self, values: ArrayLike) -> Array:
         array = np.asarray(values, dtype=np.float64)

@@ -7,7 +7,7 @@ The scripts take their lists from here, so that a model has one meaning everywhe
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 from moe_policy.architectures import PENDULUM_ABLATION, Hidden
@@ -52,6 +52,7 @@ class Study:
         lookaround: among how many nearest stored solutions the optimal planner looks for modes to start from.
         problems: how many training problems the planners are trained on, those that were solved first; all where
             ``None``.
+        whole: how planners are trained on all problems, with one seed, where ``problems`` are fewer.
     """
 
     compared: tuple[str, ...] = ("snn", "moe-custom")
@@ -68,6 +69,7 @@ class Study:
     stored: int | None = None
     lookaround: int = 12
     problems: int | None = None
+    whole: TrainingSettings | None = None
 
 
 _PENDULUM = Study(
@@ -162,11 +164,12 @@ _QUADCOPTER = Study(
     stored=2_000,
 )
 
+_LARGE = TrainingSettings(epochs=100, learning_rate=3e-3, gate_batch=256)
 #: Success says nothing where every plan ends at the goal: the paper counts how far trajectories enter the sphere.
 _OBSTACLE = Study(
     compared=("snn", "moe-custom", "moe-kmeans-8"),
     models=("snn", "moe-custom", "moe-kmeans-8", "moe-kmeans-20"),
-    settings=TrainingSettings(epochs=100, learning_rate=3e-3, gate_batch=256),
+    settings=_LARGE,
     published={
         "snn": Published(0.024, None, 0.315),
         "moe-custom": Published(0.015, None, 0.043),
@@ -180,6 +183,7 @@ _OBSTACLE = Study(
     stored=2_000,
     lookaround=2,
     problems=100_000,
+    whole=replace(_LARGE, epochs=50),
 )
 
 STUDIES: Mapping[str, Study] = MappingProxyType(

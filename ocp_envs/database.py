@@ -30,7 +30,7 @@ import zarr
 from numpy.typing import ArrayLike, NDArray
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
-from ocp_envs import problems
+from ocp_envs import problems, scratch
 from ocp_envs.nlp import Status
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.system import Array
@@ -335,14 +335,15 @@ class Database:
     def samples(self, indices: ArrayLike | None = None) -> Samples:
         """The best solution of every parameter in ``indices`` (all by default) that has one, in their order.
 
-        Memory: the winners alone, and a few thousand rows of all modes while they are read.
+        Memory: the winners alone, in a file where they are many (:mod:`ocp_envs.scratch`), and a few thousand rows of
+        all modes while they are read.
         """
         wanted = np.arange(len(self)) if indices is None else np.asarray(indices, dtype=np.int64)
         index = self.solved(wanted)
         cost = self.costs()[index]
         mode = np.asarray(cost.argmin(axis=1), dtype=np.int64)
         problem, system, place = self.problem, self.problem.system, self._rank[index]
-        z = np.empty((len(index), problem.flat_size))
+        z = scratch.empty((len(index), problem.flat_size))
         multipliers = np.empty((len(index), problem.knots, problem.n_clearances))
         for wanted_here, at, block in self._blocks_of(place):
             slot = at, mode[wanted_here]

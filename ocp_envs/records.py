@@ -8,6 +8,7 @@ import json
 import os
 import platform
 import subprocess
+import sys
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -37,6 +38,18 @@ def provenance() -> dict[str, Any]:
         "cores": os.cpu_count(),
         "versions": versions,
     }
+
+
+def peak_memory_gb(descendants: bool = False) -> float:
+    """Largest memory so far of this process, or of the largest of its ended descendants, in GB (2³⁰ bytes).
+
+    Pages of files that are mapped into memory are counted while they are there.
+    """
+    import resource  # only POSIX has it
+
+    who = resource.RUSAGE_CHILDREN if descendants else resource.RUSAGE_SELF
+    unit = 2**30 if sys.platform == "darwin" else 2**20  # macOS counts in bytes, others in KiB
+    return resource.getrusage(who).ru_maxrss / unit
 
 
 def _commit() -> str | None:

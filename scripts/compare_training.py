@@ -43,6 +43,8 @@ from ocp_envs.records import provenance, write_json
 from ocp_envs.workers import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
+#: All problems of the training set.
+WHOLE = "whole"
 #: Training samples drawn around the case where the single network interpolates.
 NEIGHBOURS = 8
 
@@ -86,7 +88,8 @@ class Folders:
 
     @lru_cache(maxsize=4)  # noqa: B019 - one for each process
     def samples(self, problem: OptimalControlProblem, name: str) -> Samples:
-        database = ocp_envs.Database.open(self.data / f"{name}.zarr", problem)
+        """A split; of the training set the problems that the study trains on, unless it is asked for as ``WHOLE``."""
+        database = ocp_envs.Database.open(self.data / f"{'training' if name == WHOLE else name}.zarr", problem)
         return database.samples(database.first(study_of(problem).problems) if name == "training" else None)
 
 
@@ -112,13 +115,20 @@ def plan(problem: OptimalControlProblem, study: Study, seeds: int, total: int) -
             yield from (Run(name, seed, size, settings) for name in study.sized if size < total)
 
 
+def plan_whole(study: Study, database: ocp_envs.Database, total: int) -> Iterator[Run]:
+    """The runs on all problems, where the others are on fewer and the database is complete."""
+    if study.whole is not None and database.complete and (count := database.totals()["solved"]) > total:
+        yield from (Run(name, 0, count, study.whole) for name in study.models)
+
+
 def select(samples: Samples, count: int, seed: int) -> Samples:
     return samples[np.sort(np.random.default_rng(seed).permutation(len(samples))[:count])]
 
 
 def train(problem: OptimalControlProblem, run: Run, folders: Folders) -> NetworkPlanner:
-    training = folders.samples(problem, "training")
-    samples = training if run.samples == len(training) else select(training, run.samples, run.seed)
+    samples = folders.samples(problem, WHOLE if run.settings == study_of(problem).whole else "training")
+    if run.samples < len(samples):
+        samples = select(samples, run.samples, run.seed)
     if run.hidden is None:
         return recipes.make(run.name, samples, settings=run.settings, seed=run.seed)  # type: ignore[return-value]
     return fit_single(samples, settings=run.settings, seed=run.seed, sizes=layer_sizes(problem, run.hidden))
@@ -151,6 +161,7 @@ def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]
         "gate_accuracy": next((part["accuracy"] for part in parts if part["accuracy"] is not None), None),
         "part_test_errors": [part["test_loss"] for part in parts if part["accuracy"] is None],
         "cluster_sizes": planner.details.get("clusters", {}).get("sizes"),
+        "peak_memory_gb": planner.details["training"].get("peak_memory_gb"),
     }
     write_json(folders.record(problem, key), record)
     return record
@@ -188,16 +199,21 @@ def row_of(name: str, records: list[dict[str, Any]]) -> dict[str, Any]:
 def assemble(
     problem: OptimalControlProblem, study: Study, records: dict[Run, dict[str, Any]], total: int
 ) -> dict[str, Any]:
-    def collect(name: str, samples: int, settings: TrainingSettings, hidden: Any = None) -> dict[str, Any]:
+    def collect(name: str, samples: int, settings: TrainingSettings | None, hidden: Any = None) -> dict[str, Any]:
         chosen = [r for r in records if (r.name, r.samples, r.settings, r.hidden) == (name, samples, settings, hidden)]
         return row_of(name, [records[r] for r in sorted(chosen, key=lambda r: r.seed)])
 
+    whole = max((run.samples for run in records if run.settings == study.whole), default=None)
     rows = []
     for name in study.models:
-        row = collect(name, total, study.settings)
+        row = collect(name, total, study.settings) if whole is None else collect(name, whole, study.whole)
         if published := study.published.get(name):
             row |= {f"paper_{key}": value for key, value in dataclasses.asdict(published).items() if value is not None}
         rows.append(row)
+    if whole is not None:
+        rows += [
+            collect(name, total, study.settings) | {"name": f"{name}, {total:,} problems"} for name in study.models
+        ]
     for name in study.paper_settings:
         rows.append(collect(name, total, PAPER) | {"name": f"{name}, the paper's training settings"})
     ablation = [
@@ -205,7 +221,10 @@ def assemble(
         | {"hidden": list(hidden), "paper_test_error": error}
         for hidden, error in study.ablation.items()
     ]
-    sizes = [collect(name, *size) for name in study.sized for size in sizes_of(study, total)]
+    counts: list[tuple[int, TrainingSettings | None]] = list(sizes_of(study, total))
+    if whole is not None:
+        counts.append((whole, study.whole))
+    sizes = [collect(name, *size) for name in study.sized for size in counts]
     return {"settings": dataclasses.asdict(study.settings), "rows": rows, "ablation": ablation, "sizes": sizes}
 
 
@@ -302,6 +321,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
     parser.add_argument("--seeds", type=int, default=5, help="training seeds of every model")
+    parser.add_argument("--models", nargs="+", help="train these alone, and leave the results as they are")
     parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
     parser.add_argument("--ship", action="store_true", help="put the models of the first seed into the package")
     parser.add_argument("--workers", type=int, help="processes; one per core by default")
@@ -313,12 +333,15 @@ def main() -> None:
     folders = Folders(arguments.data / problem.id, arguments.data / "compare_training" / problem.id)
     training, study = ocp_envs.Database.open(folders.data / "training.zarr", problem), study_of(problem)
     total, data = len(training.solved(training.first(study.problems))), training.key
-    runs = {run: run.key(data) for run in plan(problem, study, arguments.seeds, total)}
+    largest = list(plan_whole(study, training, total))
+    chosen = [*largest, *plan(problem, study, arguments.seeds, total)]
+    runs = {run: run.key(data) for run in chosen if arguments.models is None or run.name in arguments.models}
     records = run_all(problem, runs, folders, arguments.workers)
+    if arguments.models is not None:
+        return
     record = assemble(problem, study, records, total)
-    models = {
-        name: folders.model(runs[Run(name, 0, total, study.settings)]) for name in study.models if "pca" not in name
-    }
+    first = {run.name: run for run in largest or (Run(name, 0, total, study.settings) for name in study.models)}
+    models = {name: folders.model(runs[run]) for name, run in first.items() if "pca" not in name}
     if arguments.ship:
         for name in study.compared:
             load_file(models[name], problem).save(SHIPPED / problem.id / name)

@@ -15,7 +15,6 @@ import argparse
 import contextlib
 import json
 import os
-import resource
 import time
 from concurrent.futures import BrokenExecutor
 from importlib.metadata import version
@@ -26,7 +25,7 @@ import ocp_envs
 from ocp_envs import reference
 from ocp_envs.database import Database
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
+from ocp_envs.records import peak_memory_gb, provenance, write_json
 from ocp_envs.solver import GuardedSolver
 from ocp_envs.splits import split_of, splits_of
 
@@ -77,9 +76,7 @@ def fault_of(client: Any, address: str) -> str | None:
 
 def peak_memory(workers: int) -> dict[str, float]:
     """Largest memory so far in GB: of this process, of the largest of its descendants, and a bound of all."""
-    own, largest = (
-        resource.getrusage(who).ru_maxrss / 2**20 for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
+    own, largest = peak_memory_gb(), peak_memory_gb(descendants=True)
     # Every worker has a solver child.
     return {"parent_gb": own, "largest_child_gb": largest, "bound_gb": own + 2 * workers * largest}
 

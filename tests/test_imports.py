@@ -25,6 +25,7 @@ ORDER = (
     "ocp_envs.problems",
     "ocp_envs.tables",
     "ocp_envs.transcription",
+    "ocp_envs.scratch",
     "ocp_envs.compilation",
     "ocp_envs.nlp",
     "ocp_envs.guard",
