@@ -124,7 +124,9 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings, **argumen
     )
     if settings.near_starts:
         envs = VectorNearStarts(envs, settings.near_starts, settings.seed)
-    rewarded = VectorShapedReward(envs, settings.reward_scale, settings.shaping, settings.gamma)
+    rewarded = VectorShapedReward(
+        envs, settings.reward_scale, settings.shaping, settings.gamma, settings.violation_price
+    )
     return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(rewarded)))
 
 

@@ -36,6 +36,7 @@ class RLSettings:
         reward_scale: factor of all rewards.
         shaping: weight of the distance to the goal in a potential added to the rewards, 0 for none; see
             :class:`moe_policy.wrappers.VectorShapedReward`.
+        violation_price: cost per second and unit of violation of the path constraints, for problems that have any.
         near_starts: share of the training episodes that start nearer to the goal than in the benchmark, see
             :class:`moe_policy.wrappers.VectorNearStarts`.
         seed: of everything random in the training.
@@ -57,6 +58,7 @@ class RLSettings:
     evaluate_every: int = 10_000
     reward_scale: float = 1.0
     shaping: float = 0.0
+    violation_price: float = 0.0
     near_starts: float = 0.0
     seed: int = 0
 
@@ -68,8 +70,9 @@ class RLSettings:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 <= self.near_starts <= 1:
             raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
-        if not self.shaping >= 0:
-            raise ValueError(f"shaping must be at least 0, got {self.shaping}")
+        for name in ("shaping", "violation_price"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must be at least 0, got {getattr(self, name)}")
         if not 0 < self.gamma <= 1:
             raise ValueError(f"gamma must be in (0, 1], got {self.gamma}")
         if not 0 <= self.final_learning_rate <= self.learning_rate:

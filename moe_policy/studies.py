@@ -179,7 +179,7 @@ _OBSTACLE = Study(
     sizes={10_000: 300, 30_000: 170},
     sized=("snn", "moe-custom"),
     fewer_seeds=1,
-    learners={"ppo": _FLYING},
+    learners={"ppo": replace(_FLYING, violation_price=100.0)},
     stored=2_000,
     lookaround=2,
     problems=100_000,

@@ -136,22 +136,34 @@ class VectorNormalisedAction(gym.vector.VectorActionWrapper[Any, Any, Any, Any])
 
 
 class VectorShapedReward(gym.vector.VectorWrapper):
-    """Rewards scaled, and shaped with a potential that falls with the distance to the goal.
+    """Rewards scaled, shaped with a potential that falls with the distance to the goal, and less what violations cost.
 
-    r' = k (r + γ Φ(x') − Φ(x)),   Φ(x) = −w · goal error of x,   Φ = 0 where the episode has terminated,
+    r' = k (r + γ Φ(x') − Φ(x) − c·v·dt),   Φ(x) = −w · goal error of x,   Φ = 0 where the episode has terminated,
 
-    which changes no policy's rank (Ng, Harada & Russell, *Policy invariance under reward transformations*, 1999).
+    v the violation of the path constraints after the step. The potential changes no policy's rank (Ng, Harada &
+    Russell, *Policy invariance under reward transformations*, 1999); the price c makes the
+    constraints felt, of which the cost knows nothing.
 
     Args:
         env: a vector environment of :mod:`ocp_envs` made with ``autoreset_mode="Disabled"``, wrapped or not.
         scale: k > 0.
         weight: w ≥ 0, in units of cost per unit of goal error; 0 leaves the rewards unshaped.
         gamma: the learner's discount γ of one step.
+        violation_price: c ≥ 0, cost per second and unit of violation; nothing without path constraints.
     """
 
-    def __init__(self, env: gym.vector.VectorEnv[Any, Any, Any], scale: float, weight: float, gamma: float) -> None:
+    def __init__(
+        self,
+        env: gym.vector.VectorEnv[Any, Any, Any],
+        scale: float,
+        weight: float,
+        gamma: float,
+        violation_price: float = 0.0,
+    ) -> None:
         super().__init__(env)
         self._scale, self._weight, self._gamma = scale, weight, gamma
+        base: Any = env.unwrapped
+        self._price = violation_price * base.dt if base.problem.n_clearances else 0.0
         self._before = np.zeros(env.num_envs)
 
     def _potential(self) -> NDArray[np.float64]:
@@ -169,6 +181,8 @@ class VectorShapedReward(gym.vector.VectorWrapper):
         observations, rewards, terminated, truncated, info = self.env.step(actions)
         following = np.where(terminated, 0.0, self._potential())
         gain = self._gamma * following - self._before
+        if self._price:
+            gain = gain - self._price * info["violation"]
         self._before = following
         return observations, self._scale * (np.asarray(rewards) + gain), terminated, truncated, info
 
@@ -177,7 +191,8 @@ class VectorNearStarts(gym.vector.VectorWrapper):
     """Some episodes start between the goal and where they would have: at g + f (p − g) with f uniform in [0, 1].
 
     A curriculum without a schedule: short episodes teach what the long ones end with (compare Florensa et al., *Reverse
-    curriculum generation for reinforcement learning*, 2017). Only resets without ``parameters`` are changed.
+    curriculum generation for reinforcement learning*, 2017). The context stays as it is, and where the nearer start
+    would violate the path constraints the episode starts at p. Only resets without ``parameters`` are changed.
 
     Args:
         env: a vector environment of :mod:`ocp_envs`, wrapped or not.
@@ -195,9 +210,14 @@ class VectorNearStarts(gym.vector.VectorWrapper):
         options = dict(options or {})
         if "parameters" not in options:
             problem, count, box = self._problem, self.num_envs, self._problem.parameters
-            p = box.lower + self._rng.random((count, len(box))) * (box.upper - box.lower)
+            base: Any = self.env.unwrapped
+            p = np.array([base.settings.draw_parameters(self._rng) for _ in range(count)])
             resting = problem.parameters_of(np.tile(problem.goal.state, (count, 1)), problem.start(p)[1])
             goal = np.clip(resting, box.lower, box.upper)
             fraction = np.where(self._rng.random(count) < self._share, self._rng.random(count), 1.0)
-            options["parameters"] = goal + fraction[:, None] * (p - goal)
+            nearer = goal + fraction[:, None] * (p - goal)
+            if problem.n_clearances:
+                (clearances,) = problem.batch_clearances()(*problem.start(nearer))
+                nearer = np.where(clearances.min(axis=1, keepdims=True) >= 0, nearer, p)
+            options["parameters"] = nearer
         return self.env.reset(seed=seed, options=options)

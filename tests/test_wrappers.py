@@ -245,3 +245,36 @@ def test_near_starts_lie_between_the_goal_and_the_box():
     masked = np.arange(count) < 3
     _, info = near.reset(options={"reset_mask": masked})
     assert info["_parameters"].sum() == 3
+
+
+def obstacle_envs(count):
+    return gym.make_vec(
+        "QuadcopterObstacle-v0", num_envs=count, vectorization_mode="vector_entry_point", autoreset_mode="Disabled"
+    )
+
+
+def test_near_starts_round_a_sphere_keep_the_sphere_and_stay_outside_of_it():
+    near = VectorNearStarts(obstacle_envs(200), 1.0, seed=0)
+    _, info = near.reset()
+    p, table = info["parameters"], ocp_envs.tables.starts(QUADCOPTER_OBSTACLE)
+    assert (np.linalg.norm(p[:, :3] - p[:, 3:6], axis=1) >= p[:, 6]).all()
+    spheres = {tuple(row) for row in table[:, 3:]}
+    assert all(tuple(row) in spheres for row in p[:, 3:])
+    starts = {tuple(row) for row in table[:, :3]}
+    assert 100 < sum(tuple(row) not in starts for row in p[:, :3]) <= 200
+
+
+def test_violations_are_charged_at_their_price():
+    p = np.array([0.0, 4.0, 4.0, 0.0, 4.0, 0.5, 3.4])  # falls into the sphere below
+    rewards = []
+    for price in (0.0, 50.0):
+        envs = VectorShapedReward(obstacle_envs(1), 0.5, 0.0, 0.99, price)
+        envs.reset(options={"parameters": p[None]})
+        charged = []
+        for _ in range(20):
+            _, reward, _, _, info = envs.step(np.zeros((1, 4)))
+            charged.append((reward[0], info["violation"][0]))
+        rewards.append(np.array(charged))
+    free, priced = rewards
+    assert priced[:, 1].max() > 0.1
+    np.testing.assert_allclose(free[:, 0] - priced[:, 0], 0.5 * 50 * 0.02 * priced[:, 1], atol=1e-6)
