@@ -10,24 +10,19 @@ short budget for it, a reinforcement learner. The table goes to the terminal, an
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import threading
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 import moe_policy
 import ocp_envs
 from moe_policy import baselines, recipes
 from moe_policy.comparison import COLUMNS, Contestant, outcome, run
+from moe_policy.contestants import optimal_planner, shipped, solutions, solve_all, stabiliser, steps
 from moe_policy.evaluation import time_planner
-from moe_policy.optimal import SolverPlanner
 from moe_policy.planner import NearestPlanner
 from moe_policy.reporting import comparison_figure, text_table
 from moe_policy.studies import study_of
@@ -35,44 +30,13 @@ from ocp_envs import reference
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
 from ocp_envs.splits import split_of, splits_of
-from ocp_envs.system import Array
-from ocp_envs.trajectory import Trajectory
 from ocp_envs.workers import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Starts of one share of the optimal planner's work.
-SHARE = 250
 
 
 def log(text: str) -> None:
     print(text, flush=True)
-
-
-def solutions(count: int) -> str:
-    return f"{count:,} solutions"
-
-
-def steps(count: int) -> str:
-    return f"{count:,} steps"
-
-
-def shipped(problem: OptimalControlProblem) -> tuple[NearestPlanner, list[Contestant]]:
-    """The models of the package."""
-    study = study_of(problem)
-    nearest = moe_policy.load(problem.id, "nearest")
-    contestants = [Contestant("nearest", nearest, solutions(len(nearest.parameters)))]
-    for name in study.compared:
-        planner = moe_policy.load(problem.id, name)
-        record = planner.details
-        contestants.append(Contestant(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
-    for name in study.learners:
-        if name not in moe_policy.available(problem.id):
-            log(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
-            continue
-        policy = moe_policy.load(problem.id, name)
-        training = json.loads((ROOT / "results" / f"training_{name}_{problem.id}.json").read_text())
-        contestants.append(Contestant(name, policy, steps(training["steps"]), training["seconds"]))
-    return nearest, contestants
 
 
 def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[NearestPlanner, list[Contestant], Any]:
@@ -106,21 +70,6 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
     return nearest, contestants, databases["validation"]
 
 
-def solve_all(problem: OptimalControlProblem, nearest: NearestPlanner, p: Array) -> tuple[Trajectory, Array]:
-    """Optimal trajectories and their costs, with a solver process for every core."""
-    local = threading.local()
-
-    def solve(begin: int) -> tuple[Trajectory, Array]:
-        if not hasattr(local, "planner"):
-            local.planner = SolverPlanner(problem, nearest, lookaround=study_of(problem).lookaround)
-        return local.planner.best(p[begin : begin + SHARE])
-
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        shares = range(0, len(p), SHARE)
-        parts = list(tqdm(pool.map(solve, shares), total=len(shares), desc="optimal", disable=None, leave=False))
-    return Trajectory.concatenate([plan for plan, _ in parts]), np.concatenate([cost for _, cost in parts])
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
@@ -137,14 +86,18 @@ def main() -> None:
         nearest, contestants, validation = trained(problem, ROOT / "data" / "compare" / problem.id, arguments.seed)
         parameters, costs = validation.parameters, validation.costs().min(axis=1)
     else:
-        nearest, contestants = shipped(problem)
+        contestants = shipped(problem, ROOT / "results")
+        for name in study_of(problem).learners:
+            if name not in moe_policy.available(problem.id):
+                log(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
+        nearest = moe_policy.load(problem.id, "nearest")
         validation = reference.load(problem, "validation")
         parameters, costs = validation.parameters, validation.cost
     parameters, costs = parameters[: arguments.cases], costs[: arguments.cases]
     log(f"{len(parameters)} starts of {problem.id}")
 
-    trajectories, found = solve_all(problem, nearest, parameters)
-    optimal = SolverPlanner(problem, nearest, lookaround=study_of(problem).lookaround)
+    trajectories, found = solve_all(problem, parameters, nearest)
+    optimal = optimal_planner(problem, nearest)
     timed = time_planner(optimal, parameters, (1,), repeats=20) | time_planner(optimal, parameters, (1000,), repeats=1)
     planning = {str(batch): seconds for batch, seconds in timed.items()}
     gap = np.abs(found / costs - 1)
@@ -154,9 +107,7 @@ def main() -> None:
     row, baseline = run(problem, Contestant("optimal", lambda p: trajectories), parameters, batches=())
     row["planning_seconds"] = planning
     rows, outcomes = [row], [outcome("optimal", baseline, problem)]
-    if problem.hold:
-        contestants.append(Contestant("stabiliser", moe_policy.Stabiliser(problem)))
-    for contestant in contestants:
+    for contestant in [*contestants, *stabiliser(problem)]:
         row, episodes = run(problem, contestant, parameters, optimal=trajectories, baseline=baseline)
         rows.append(row)
         outcomes.append(outcome(contestant.name, episodes, problem))

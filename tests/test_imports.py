@@ -85,6 +85,7 @@ ORDER = (
     "moe_policy.space_figures",
     "moe_policy.data_report",
     "moe_policy.comparison",
+    "moe_policy.contestants",
 )
 LEARNING = {"moe_policy", "torch", "sklearn", "safetensors", "stable_baselines3"}
 DECLARATION = ("ocp_envs.system", "ocp_envs.trajectory", "ocp_envs.problem", "ocp_envs.problems")

@@ -1,0 +1,106 @@
+"""Who takes part: the shipped planners and policies of a problem, and its optimal trajectories."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from moe_policy import store
+from moe_policy.comparison import Contestant
+from moe_policy.optimal import SolverPlanner
+from moe_policy.planner import NearestPlanner
+from moe_policy.scaling import Array
+from moe_policy.studies import study_of
+from moe_policy.tracking import Stabiliser
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+#: Starts of one share of the optimal planner's work.
+SHARE = 250
+
+
+def solutions(count: int) -> str:
+    """What a planner learnt from, in words."""
+    return f"{count:,} solutions"
+
+
+def steps(count: int) -> str:
+    """What a reinforcement learner learnt from, in words."""
+    return f"{count:,} steps"
+
+
+def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list[Contestant]:
+    """The models of the package that the problem's study compares: nearest neighbour, networks, learners.
+
+    Args:
+        problem: the problem; one without shipped models has none.
+        results: folder of the learners' training records, from which steps and wall times are taken; without it the
+            policies themselves tell their steps.
+    """
+    study, there = study_of(problem), store.available(problem.id)
+    contestants = []
+    if "nearest" in there:
+        nearest = store.load(problem.id, "nearest")
+        contestants.append(Contestant("nearest", nearest, solutions(len(nearest.parameters))))
+    for name in study.compared:
+        if name in there:
+            planner = store.load(problem.id, name)
+            record = planner.details
+            contestants.append(Contestant(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
+    for name in study.learners:
+        if name in there:
+            policy = store.load(problem.id, name)
+            training = {"steps": policy.details["steps"], "seconds": None}
+            record_path = None if results is None else results / f"training_{name}_{problem.id}.json"
+            if record_path is not None and record_path.exists():
+                training = json.loads(record_path.read_text())
+            contestants.append(Contestant(name, policy, steps(training["steps"]), training["seconds"]))
+    return contestants
+
+
+def stabiliser(problem: OptimalControlProblem) -> list[Contestant]:
+    """The hold without a plan, where the goal can be held."""
+    return [Contestant("stabiliser", Stabiliser(problem))] if problem.hold else []
+
+
+def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | None = None) -> SolverPlanner:
+    """The solver as the comparison uses it.
+
+    Args:
+        problem: the problem.
+        nearest: source of its warm starts; by default the shipped one, and random guesses where none is shipped.
+    """
+    if nearest is None and "nearest" in store.available(problem.id):
+        nearest = store.load(problem.id, "nearest")
+    return SolverPlanner(problem, nearest, lookaround=study_of(problem).lookaround)
+
+
+def solve_all(
+    problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None = None
+) -> tuple[Trajectory, Array]:
+    """Optimal trajectories from ``p`` (B, np) and their costs (B,), with a solver process for every core.
+
+    Args:
+        problem: the problem.
+        p: parameters, (B, np).
+        nearest: source of warm starts, as for :func:`optimal_planner`.
+    """
+    local = threading.local()
+    if nearest is None and "nearest" in store.available(problem.id):
+        nearest = store.load(problem.id, "nearest")
+
+    def solve(begin: int) -> tuple[Trajectory, Array]:
+        if not hasattr(local, "planner"):
+            local.planner = optimal_planner(problem, nearest)
+        return local.planner.best(p[begin : begin + SHARE])
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        shares = range(0, len(p), SHARE)
+        parts = list(tqdm(pool.map(solve, shares), total=len(shares), desc="optimal", disable=None, leave=False))
+    return Trajectory.concatenate([plan for plan, _ in parts]), np.concatenate([cost for _, cost in parts])
