@@ -123,13 +123,20 @@ def text_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> 
 # -- figures -----------------------------------------------------------------------------------------------------------
 
 
+#: Formats of figures, and what is left out of their files so that equal figures are equal files.
+_METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
+
+
 def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: Callable[[Figure], None]) -> Path:
-    """Draw a figure in the common style and save it as PNG, all of it or nothing.
+    """Draw a figure in the common style and save it, each file in one step.
 
     Args:
-        path: file to write; missing folders are made.
+        path: file to write, ``.png`` or ``.pdf``; without such a suffix both are written. Missing folders are made.
         size: width and height in inches.
         draw: fills an empty figure.
+
+    Returns:
+        the file, the PNG of both.
 
     Raises:
         ImportError: matplotlib is missing; it comes with the extra ``plots``.
@@ -141,21 +148,23 @@ def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: C
     except ImportError as error:
         raise ImportError('figures need matplotlib: pip install "ocp-moe[plots]"') from error
     target = Path(path)
+    files = [target] if target.suffix in _METADATA else [target.with_name(target.name + kind) for kind in _METADATA]
     target.parent.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure)
-        handle, temporary = tempfile.mkstemp(suffix=".png", dir=target.parent)
-        os.close(handle)
-        try:
-            figure.savefig(temporary, format="png", metadata={"Software": None})
-            os.replace(temporary, target)
-        except BaseException:
-            os.unlink(temporary)
-            raise
-    target.chmod(0o644)
-    return target
+        for file in files:
+            handle, temporary = tempfile.mkstemp(suffix=file.suffix, dir=target.parent)
+            os.close(handle)
+            try:
+                figure.savefig(temporary, format=file.suffix[1:], metadata=_METADATA[file.suffix])
+                os.chmod(temporary, 0o644)
+                os.replace(temporary, file)
+            except BaseException:
+                os.unlink(temporary)
+                raise
+    return files[0]
 
 
 @dataclass(frozen=True, eq=False)

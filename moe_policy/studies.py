@@ -23,12 +23,20 @@ class Published:
     Args:
         validation_error: raw smooth L1.
         success: number of successes.
-        violation: mean violation of the path constraint at the knots.
+        violation: mean violation of the path constraint at the knots, m.
+        test_error: of a single network.
+        cluster_sizes: smallest and largest cluster of a mixture.
+        gate_accuracy: on the test split.
+        expert_test_error: mean and deviation over the experts.
     """
 
     validation_error: float | None
     success: int | None
     violation: float | None = None
+    test_error: float | None = None
+    cluster_sizes: tuple[int, int] | None = None
+    gate_accuracy: float | None = None
+    expert_test_error: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -87,8 +95,8 @@ _PENDULUM = Study(
         "moe-kmeans-pca-4",
     ),
     published={
-        "snn": Published(0.046, 717),
-        "moe-custom": Published(0.030, 998),
+        "snn": Published(0.046, 717, test_error=0.058),
+        "moe-custom": Published(0.030, 998, None, None, (388, 505), 0.972, (0.0032, 0.0031)),
         "moe-random": Published(0.035, 829),
         "moe-kmeans-3": Published(0.039, 970),
         "moe-kmeans-4": Published(0.029, 1000),
@@ -126,9 +134,9 @@ _VEHICLE = Study(
     models=("snn", "moe-custom", "moe-kmeans-6", "moe-kmeans-10", "moe-kmeans-20"),
     settings=TrainingSettings(epochs=100, learning_rate=3e-3),
     published={
-        "snn": Published(0.046, 6729),
-        "moe-custom": Published(0.019, 9975),
-        "moe-kmeans-6": Published(0.031, 9413),
+        "snn": Published(0.046, 6729, test_error=0.045),
+        "moe-custom": Published(0.019, 9975, None, None, (7266, 45626), 0.987, (0.0018, 0.0014)),
+        "moe-kmeans-6": Published(0.031, 9413, None, None, (7228, 28913), 0.977, (0.0088, 0.0082)),
     },
     sizes={3_000: 640, 10_000: 350, 30_000: 200},
     sized=("snn", "moe-custom", "moe-kmeans-10"),
@@ -159,7 +167,10 @@ _QUADCOPTER = Study(
     compared=("snn", "moe-kmeans-4"),
     models=("snn", "moe-kmeans-4"),
     settings=TrainingSettings(epochs=2000, learning_rate=5e-3, batch=32),
-    published={"snn": Published(4.7e-5, 1000), "moe-kmeans-4": Published(4.6e-5, 1000)},
+    published={
+        "snn": Published(4.7e-5, 1000, test_error=8.6e-5),
+        "moe-kmeans-4": Published(4.6e-5, 1000, None, None, (2072, 2356), 0.996, (4.6e-5, 9e-6)),
+    },
     learners={"ppo": _FLYING},
     stored=2_000,
 )
@@ -171,9 +182,9 @@ _OBSTACLE = Study(
     models=("snn", "moe-custom", "moe-kmeans-8", "moe-kmeans-20"),
     settings=_LARGE,
     published={
-        "snn": Published(0.024, None, 0.315),
-        "moe-custom": Published(0.015, None, 0.043),
-        "moe-kmeans-8": Published(None, None, 0.167),
+        "snn": Published(0.024, None, 0.315, 0.014),
+        "moe-custom": Published(0.015, None, 0.043, None, (70474, 84280), 0.889, (0.0022, 0.0003)),
+        "moe-kmeans-8": Published(0.016, None, 0.167, None, (64682, 101669), 0.964, (0.0052, 0.0027)),
         "moe-kmeans-20": Published(None, None, 0.056),
     },
     sizes={10_000: 300, 30_000: 170},

@@ -27,15 +27,14 @@ import torch
 from tqdm import tqdm
 
 import ocp_envs
-from moe_policy import comparison, figures, recipes, space_figures, trajectory_figures
+from moe_policy import figures, gallery, recipes
 from moe_policy.architectures import PAPER_SIZES, layer_sizes
-from moe_policy.cases import plan_violations
-from moe_policy.clustering import cluster
 from moe_policy.fitting import PAPER, TrainingSettings
 from moe_policy.lqr import TrackingWeights
-from moe_policy.planner import NearestPlanner, NetworkPlanner
+from moe_policy.planner import NetworkPlanner
 from moe_policy.store import SHIPPED, load_file
-from moe_policy.studies import Study, study_of
+from moe_policy.studies import Published, Study, study_of
+from moe_policy.summary import model_record, row_of
 from moe_policy.training import fit_single
 from ocp_envs.database import Samples
 from ocp_envs.problem import OptimalControlProblem
@@ -45,8 +44,6 @@ from ocp_envs.workers import WorkerPool
 ROOT = Path(__file__).resolve().parents[1]
 #: All problems of the training set.
 WHOLE = "whole"
-#: Training samples drawn around the case where the single network interpolates.
-NEIGHBOURS = 8
 
 
 def short_hash(text: str) -> str:
@@ -143,26 +140,7 @@ def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]
     else:
         planner = train(problem, run, folders)
         planner.save(path)
-    validation = folders.samples(problem, "validation")
-    contestant = comparison.Contestant(run.name, planner)
-    row, _ = comparison.run(problem, contestant, validation.parameters, optimal=validation.trajectory, batches=())
-    parts = planner.details["training"]["parts"]
-    record = {
-        "seed": run.seed,
-        "samples": run.samples,
-        "success": row["success"]["count"],
-        "success_at_plan_end": row["success_at_plan_end"]["count"],
-        "reached": row["reached"]["count"],
-        "violation": row["violation_mean"],
-        "knot_violation": row["knot_violation_mean"],
-        "test_error": row["test_error"],
-        "validation_error": row["validation_error"],
-        "training_seconds": planner.details["training"]["seconds"],
-        "gate_accuracy": next((part["accuracy"] for part in parts if part["accuracy"] is not None), None),
-        "part_test_errors": [part["test_loss"] for part in parts if part["accuracy"] is None],
-        "cluster_sizes": planner.details.get("clusters", {}).get("sizes"),
-        "peak_memory_gb": planner.details["training"].get("peak_memory_gb"),
-    }
+    record = model_record(planner, folders.samples(problem, "validation"))
     write_json(folders.record(problem, key), record)
     return record
 
@@ -181,41 +159,32 @@ def run_all(
     return records
 
 
-def spread(values: list[float]) -> dict[str, float]:
-    return {"median": float(np.median(values)), "least": min(values), "most": max(values)}
-
-
-def row_of(name: str, records: list[dict[str, Any]]) -> dict[str, Any]:
-    row: dict[str, Any] = {"name": name, "samples": records[0]["samples"]}
-    for key in records[0].keys() - {"samples"}:
-        row[f"{key}s" if key == "seed" else key] = [r.get(key) for r in records]
-    measured = ("success", "success_at_plan_end", "violation", "knot_violation", "test_error", "validation_error")
-    for key in (*measured, "training_seconds"):
-        if row.get(key, [None])[0] is not None:
-            row[f"{key}_spread"] = spread(row[key])
-    return row
-
-
 def assemble(
     problem: OptimalControlProblem, study: Study, records: dict[Run, dict[str, Any]], total: int
 ) -> dict[str, Any]:
-    def collect(name: str, samples: int, settings: TrainingSettings | None, hidden: Any = None) -> dict[str, Any]:
+    def collect(
+        name: str,
+        samples: int,
+        settings: TrainingSettings | None,
+        hidden: Any = None,
+        title: str | None = None,
+        published: Published | None = None,
+    ) -> dict[str, Any]:
         chosen = [r for r in records if (r.name, r.samples, r.settings, r.hidden) == (name, samples, settings, hidden)]
-        return row_of(name, [records[r] for r in sorted(chosen, key=lambda r: r.seed)])
+        return row_of(title or name, [records[r] for r in sorted(chosen, key=lambda r: r.seed)], published)
 
     whole = max((run.samples for run in records if run.settings == study.whole), default=None)
-    rows = []
-    for name in study.models:
-        row = collect(name, total, study.settings) if whole is None else collect(name, whole, study.whole)
-        if published := study.published.get(name):
-            row |= {f"paper_{key}": value for key, value in dataclasses.asdict(published).items() if value is not None}
-        rows.append(row)
+    every = (total, study.settings) if whole is None else (whole, study.whole)
+    rows = [collect(name, *every, published=study.published.get(name)) for name in study.models]
     if whole is not None:
         rows += [
-            collect(name, total, study.settings) | {"name": f"{name}, {total:,} problems"} for name in study.models
+            collect(name, total, study.settings, title=f"{name}, {total:,} problems")
+            for name in study.models
+            if any((run.name, run.samples) == (name, total) for run in records)
         ]
-    for name in study.paper_settings:
-        rows.append(collect(name, total, PAPER) | {"name": f"{name}, the paper's training settings"})
+    rows += [
+        collect(name, total, PAPER, title=f"{name}, the paper's training settings") for name in study.paper_settings
+    ]
     ablation = [
         collect("snn", total, study.settings, None if hidden == PAPER_SIZES[problem.id].single else hidden)
         | {"hidden": list(hidden), "paper_test_error": error}
@@ -231,90 +200,18 @@ def assemble(
 def draw(
     problem: OptimalControlProblem, folders: Folders, models: dict[str, Path], results: Path, record: dict[str, Any]
 ) -> dict[str, Any]:
-    """The figures; ``models`` are the planners of the first seed."""
+    """The figures, and what there is to tell about them; ``models`` are the planners of the first seed."""
     stem = results / f"training_{problem.id}"
     training, validation = (folders.samples(problem, name) for name in ("training", "validation"))
-    partitions = {"custom": cluster(training, "custom")}
-    for name in models:
-        if name.startswith("moe-kmeans-"):
-            k = int(name.rsplit("-", 1)[1])
-            partitions[f"k-means {k}"] = cluster(training, "kmeans", k=k)
-    planners: dict[str, Any] = {name: load_file(path, problem) for name, path in models.items()}
+    planners = {name: load_file(path, problem) for name, path in models.items()}
+    partitions = tuple(int(name.rsplit("-", 1)[1]) for name in models if name.startswith("moe-kmeans-"))
+    material = gallery.Material(training, validation, planners, partitions)
     if len({row["samples"] for row in record["sizes"]}) > 1:
         figures.sizes_figure(Path(f"{stem}_sizes.png"), record["sizes"], len(validation))
-    errors = {}
-    for name, planner in planners.items():
-        _, episodes = comparison.run(problem, comparison.Contestant(name, planner), validation.parameters, batches=())
-        errors[name] = (problem.goal_error(planner(validation.parameters).states[:, -1]), episodes.final_error)
-    clusters = {name: labels.sizes.tolist() for name, labels in partitions.items()}
-    if problem.picture is not None and problem.picture.dimensions == 3:
-        _draw_space(stem, training, validation, partitions, planners, errors)
-        return {"clusters": clusters}
-    drawing = _draw_plane if len(problem.parameters) == 2 else _draw_paths
-    chosen = drawing(stem, training, validation, partitions, planners, errors)
-    costs = np.sort(validation.mode_costs[chosen])
-    return {
-        "clusters": clusters,
-        "jump": {
-            "parameters": validation.parameters[chosen].tolist(),
-            "relative_cost_of_the_second_mode": float(costs[1] / costs[0] - 1) if len(costs) > 1 else None,
-        },
+    told = {
+        name: drawing.draw(material, Path(f"{stem}_{name}.png")) for name, drawing in gallery.drawings(problem).items()
     }
-
-
-def _draw_plane(
-    stem: Path, training: Samples, validation: Samples, partitions: Any, planners: dict[str, Any], errors: Any
-) -> int:
-    """Figures of a problem with two parameters; returns the validation case at the jump."""
-    figures.clusters_figure(f"{stem}_clusters.png", training, partitions)
-    costs = np.sort(validation.mode_costs, axis=1)
-    chosen = int((costs[:, 1] / costs[:, 0]).argmin())
-    plans = {name: planners[name](validation.parameters[chosen]) for name in ("snn", "moe-custom")}
-    figures.discontinuity_figure(
-        f"{stem}_jump.png", training, partitions["custom"], validation.trajectory[chosen], plans
-    )
-    figures.error_figure(f"{stem}_errors.png", errors, training.problem.goal.radius)
-    return chosen
-
-
-def _draw_paths(
-    stem: Path, training: Samples, validation: Samples, partitions: Any, planners: dict[str, Any], errors: Any
-) -> int:
-    """Figures of a problem whose trajectories are paths in the plane; returns the case where SNN interpolates."""
-    problem = training.problem
-    trajectory_figures.samples_figure(f"{stem}_samples.png", training, partitions["custom"])
-    trajectory_figures.histories_figure(f"{stem}_histories.png", training, partitions["custom"])
-    shown = {name: errors[name] for name in ("snn", "moe-custom")}
-    trajectory_figures.error_histograms_figure(f"{stem}_errors.png", shown, problem.goal.radius)
-    nearest = NearestPlanner(training)
-    pair = planners["snn"], planners["moe-custom"]
-    chosen = trajectory_figures.choose_interpolated(validation, *pair, training, NEIGHBOURS)
-    p = validation.parameters[chosen]
-    around = nearest.neighbours(p, NEIGHBOURS)[0]
-    trajectory_figures.interpolation_figure(
-        f"{stem}_interpolation.png",
-        validation.trajectory[chosen],
-        training[around],
-        {planner.name: planner(p) for planner in pair},
-        problem,
-    )
-    return chosen
-
-
-def _draw_space(
-    stem: Path, training: Samples, validation: Samples, partitions: Any, planners: dict[str, Any], errors: Any
-) -> None:
-    """Figures of a problem whose trajectories are paths in space."""
-    problem = training.problem
-    for name, labels in partitions.items():
-        if labels.k > 1:
-            file = f"{stem}_samples_{name.replace(' ', '-')}.png"
-            space_figures.samples_figure(file, training, labels)
-    trajectory_figures.error_histograms_figure(f"{stem}_errors.png", errors, problem.goal.radius)
-    if problem.n_clearances:
-        p = validation.parameters
-        violations = {name: plan_violations(problem, p, planner(p)) for name, planner in planners.items()}
-        space_figures.violations_figure(f"{stem}_violations.png", violations, "plans that enter the sphere")
+    return {"figures": {name: details for name, details in told.items() if details}}
 
 
 def main() -> None:

@@ -86,6 +86,8 @@ ORDER = (
     "moe_policy.data_report",
     "moe_policy.comparison",
     "moe_policy.contestants",
+    "moe_policy.gallery",
+    "moe_policy.summary",
 )
 LEARNING = {"moe_policy", "torch", "sklearn", "safetensors", "stable_baselines3"}
 DECLARATION = ("ocp_envs.system", "ocp_envs.trajectory", "ocp_envs.problem", "ocp_envs.problems")

@@ -256,20 +256,6 @@ def test_the_other_reading_of_the_cost_swaps_velocity_and_angles(script):
     assert module.SWAPPED.fingerprint != module.QUADCOPTER.fingerprint
 
 
-@pytest.mark.slow
-def test_a_family_is_followed_past_the_flip(script):
-    module = script("draw_obstacle")
-    problem = ocp_envs.load("QuadcopterObstacle-v0")
-    p = module.flip_parameters(problem, module.CENTRE, module.RADIUS, module.START_XY, *module.HEIGHTS, 6)
-    with module.GuardedSolver(problem) as solver:
-        plans, costs = module.follow(problem, solver, p)
-    assert len(plans) == 6
-    solved = np.isfinite(costs)
-    assert solved[:4].all()
-    assert (np.diff(costs[solved]) > 0).all()  # a higher start is further away
-    assert (plans.states[solved, 8, 2] < p[solved, 5]).all()  # below the centre of the sphere
-
-
 # -- README ------------------------------------------------------------------------------------------------------------
 
 
