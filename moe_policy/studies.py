@@ -79,6 +79,12 @@ class Study:
     problems: int | None = None
     whole: TrainingSettings | None = None
 
+    @property
+    def shipped(self) -> tuple[str, ...]:
+        """Planners in the package: those that are compared, and those whose prediction error the paper gives."""
+        given = {name for name, figures in self.published.items() if figures.validation_error is not None}
+        return tuple(name for name in self.models if name in given or name in self.compared)
+
 
 _PENDULUM = Study(
     compared=("snn", "moe-custom", "moe-kmeans-4"),

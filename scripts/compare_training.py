@@ -240,7 +240,7 @@ def main() -> None:
     first = {run.name: run for run in largest or (Run(name, 0, total, study.settings) for name in study.models)}
     models = {name: folders.model(runs[run]) for name, run in first.items() if "pca" not in name}
     if arguments.ship:
-        for name in study.compared:
+        for name in study.shipped:
             load_file(models[name], problem).save(SHIPPED / problem.id / name)
     record |= draw(problem, folders, models, arguments.results, record)
     record |= {"env_id": problem.id, "training_key": data, "seconds": time.perf_counter() - began}
