@@ -7,6 +7,7 @@ The tables are those of Tang & Hauser, *Discontinuity-Sensitive Optimal Control 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,27 +26,34 @@ Record = dict[str, Any]
 _MEASURED = ("success", "success_at_plan_end", "violation", "knot_violation", "test_error", "validation_error")
 
 
-def model_record(planner: NetworkPlanner, validation: Samples) -> Record:
-    """What a trained network does on solved validation problems, and how it was trained, as JSON."""
-    problem, training = planner.problem, planner.details["training"]
-    contestant = comparison.Contestant(planner.name, planner)
-    row, _ = comparison.run(problem, contestant, validation.parameters, optimal=validation.trajectory, batches=())
+def training_record(planner: NetworkPlanner) -> Record:
+    """How a network was trained, as JSON."""
+    training = planner.details["training"]
     parts = training["parts"]
     return {
         "seed": planner.details["seed"],
         "samples": planner.details["samples"],
-        "success": row["success"]["count"],
-        "success_at_plan_end": row["success_at_plan_end"]["count"],
-        "reached": row["reached"]["count"],
-        "violation": row["violation_mean"],
-        "knot_violation": row["knot_violation_mean"],
-        "test_error": row["test_error"],
-        "validation_error": row["validation_error"],
+        "test_error": training["test_error"],
         "training_seconds": training["seconds"],
         "peak_memory_gb": training.get("peak_memory_gb"),
         "gate_accuracy": next((part["accuracy"] for part in parts if part["accuracy"] is not None), None),
         "part_test_errors": [part["test_loss"] for part in parts if part["accuracy"] is None],
         "cluster_sizes": planner.details.get("clusters", {}).get("sizes"),
+    }
+
+
+def model_record(planner: NetworkPlanner, validation: Samples) -> Record:
+    """:func:`training_record`, and what the network does on solved validation problems."""
+    problem = planner.problem
+    contestant = comparison.Contestant(planner.name, planner)
+    row, _ = comparison.run(problem, contestant, validation.parameters, optimal=validation.trajectory, batches=())
+    return training_record(planner) | {
+        "success": row["success"]["count"],
+        "success_at_plan_end": row["success_at_plan_end"]["count"],
+        "reached": row["reached"]["count"],
+        "violation": row["violation_mean"],
+        "knot_violation": row["knot_violation_mean"],
+        "validation_error": row["validation_error"],
     }
 
 
@@ -64,7 +72,12 @@ def row_of(name: str, records: Sequence[Record], published: Published | None = N
         values = row.get(key, [None])
         if values[0] is not None:
             row[f"{key}_spread"] = {"median": float(np.median(values)), "least": min(values), "most": max(values)}
-    figures = {} if published is None else dataclasses.asdict(published)
+    return row if published is None else beside_published(row, published)
+
+
+def beside_published(row: Record, published: Published) -> Record:
+    """``row`` with the paper's figures, as ``paper_...``."""
+    figures = dataclasses.asdict(published)
     return row | {f"paper_{key}": value for key, value in figures.items() if value is not None}
 
 
@@ -113,12 +126,11 @@ def _cells(problem: OptimalControlProblem, single: Record, mixture: Record, case
     hidden = sorted({sizes.expert(size, average, method.replace("-", "")) for size in clusters})
     experts = np.array(mixture["part_test_errors"][0])
     paper = mixture.get("paper_expert_test_error")
-    box = problem.parameters
     validation = split_of(problem, "validation")
     return {
         "states, controls": f"{problem.system.nx}, {problem.system.nu}",
-        "parameters": ", ".join(box.names),
-        "range": " × ".join(f"[{a:.3g}, {b:.3g}]" for a, b in zip(box.lower, box.upper)),
+        "parameters": ", ".join(problem.parameters.names),
+        "range": _box(problem),
         "training problems": _beside(f"{single['samples']:,}", f"{len(split_of(problem, 'training')):,}"),
         "validation problems": _beside(f"{cases:,}", f"{len(validation):,}"),
         "SNN size": str(layer_sizes(problem, sizes.single)),
@@ -139,6 +151,14 @@ def _cells(problem: OptimalControlProblem, single: Record, mixture: Record, case
         "MoE validation error": _figure(mixture, "validation_error"),
         "MoE rollout": _rollout(mixture, cases),
     }
+
+
+def _box(problem: OptimalControlProblem) -> str:
+    """The parameter box, intervals that repeat as powers."""
+    box = problem.parameters
+    intervals = itertools.groupby(f"[{a:.3g}, {b:.3g}]" for a, b in zip(box.lower, box.upper))
+    powers = [(text, len(list(same))) for text, same in intervals]
+    return " × ".join(text if power == 1 else f"{text}^{power}" for text, power in powers)
 
 
 def _beside(ours: str, papers: str) -> str:

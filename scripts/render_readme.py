@@ -10,22 +10,26 @@ import json
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 from moe_policy.comparison import COLUMNS, TRAINING_COLUMNS
 from moe_policy.reporting import Column, markdown_table
+from moe_policy.summary import summary_columns
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
-def columns_of(name: str) -> tuple[Column, ...]:
-    return TRAINING_COLUMNS if name.startswith("compare_training") else COLUMNS
+def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
+    if name == "table_summary":
+        return summary_columns(record)
+    return TRAINING_COLUMNS if name.startswith(("compare_training", "table_training")) else COLUMNS
 
 
 def render(text: str) -> str:
     def table(block: re.Match[str]) -> str:
         record = json.loads((ROOT / "results" / f"{block[2]}.json").read_text())
-        return f"{block[1]}\n{markdown_table(record['rows'], columns_of(block[2]))}\n{block[3]}"
+        return f"{block[1]}\n{markdown_table(record['rows'], columns_of(block[2], record))}\n{block[3]}"
 
     return BLOCK.sub(table, text)
 

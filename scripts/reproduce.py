@@ -33,7 +33,15 @@ from moe_policy.figures import mixture_figure
 from moe_policy.planner import NetworkPlanner
 from moe_policy.reporting import Column, markdown_table
 from moe_policy.studies import study_of
-from moe_policy.summary import model_record, row_of, summarised, summary_columns, summary_record
+from moe_policy.summary import (
+    beside_published,
+    model_record,
+    row_of,
+    summarised,
+    summary_columns,
+    summary_record,
+    training_record,
+)
 from ocp_envs import reference
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK
@@ -113,7 +121,7 @@ class Source:
     def record(self) -> Path:
         """The record of the full form, for which everything is made that is not there."""
         path = self.results / f"compare_training_{self.problem.id}.json"
-        if not path.exists():
+        if not path.exists():  # remove it to have it made anew
             self._run("generate_data.py")
             self._run("compare_training.py")
         return path
@@ -143,9 +151,13 @@ class Source:
     @cached_property
     def rows(self) -> list[dict[str, Any]]:
         """A row for each trained network."""
-        if not self.quick:
-            return list(json.loads(self.record.read_text())["rows"])
         published, rows = study_of(self.problem).published, []
+        if not self.quick:
+            for row in json.loads(self.record.read_text())["rows"]:
+                if planner := self.shipped.get(row["name"]):  # the model of the first seed
+                    row = {key: [value] for key, value in training_record(planner).items()} | row
+                rows.append(beside_published(row, published[row["name"]]) if row["name"] in published else row)
+            return rows
         for name, planner in self.shipped.items():
             rows.append(row_of(name, [model_record(planner, self.material.validation)], published.get(name)))
             log(f"{self.problem.id}: {name} evaluated")

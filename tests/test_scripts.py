@@ -256,6 +256,56 @@ def test_the_other_reading_of_the_cost_swaps_velocity_and_angles(script):
     assert module.SWAPPED.fingerprint != module.QUADCOPTER.fingerprint
 
 
+def test_reproduce_names_its_tables_and_figures(script, run, capsys):
+    module = script("reproduce")
+    run(module, "--list")
+    listed = capsys.readouterr().out.splitlines()
+    assert [line.split()[1].rstrip(":") for line in listed] == [*module.TABLES, module.SKETCH, *module.figure_names()]
+    with pytest.raises(SystemExit):
+        run(module)
+
+
+@pytest.mark.slow
+def test_reproduce_quickly(script, run, monkeypatch, tmp_path):
+    """A table and figures of the pendulum, from few problems and the shipped networks."""
+    module = script("reproduce")
+    monkeypatch.setitem(module.QUICK, PENDULUM.id, (60, 6))
+    folders = ("--data", tmp_path / "data", "--results", tmp_path / "results")
+    run(module, "--quick", "--table", "training", "--figure", "mixture", "pendulum-clusters", *folders)
+    record = read(tmp_path / "results" / "table_training.json")
+    rows = {row["name"]: row for row in record["rows"]}
+    assert set(rows) == set(module.study_of(PENDULUM).shipped)
+    assert rows["moe-custom"]["paper_success"] == 998
+    assert all(len(row["success"]) == 1 and 0 <= row["success"][0] <= 6 for row in rows.values())
+    assert "| moe-custom |" in (tmp_path / "results" / "table_training.md").read_text()
+    for name in ("mixture", "pendulum-clusters"):
+        for suffix in (".png", ".pdf", ".json"):
+            assert (tmp_path / "results" / f"figure_{name}{suffix}").stat().st_size > 0
+    told = read(tmp_path / "results" / "figure_pendulum-clusters.json")
+    assert (told["training_problems"], told["validation_problems"], told["quick"]) == (60, 6, True)
+
+
+def test_the_summary_stands_beside_the_paper(script, run, tmp_path):
+    """From the committed records; a figure of the paper and one of ours in the cells where they belong."""
+    module = script("reproduce")
+    for problem in module.BENCHMARK:
+        (tmp_path / f"compare_training_{problem.id}.json").write_bytes(
+            (ROOT / "results" / f"compare_training_{problem.id}.json").read_bytes()
+        )
+    run(module, "--table", "summary", "--results", tmp_path)
+    record = read(tmp_path / "table_summary.json")
+    rows = {row["label"]: row for row in record["rows"]}
+    assert len(record["columns"]) == 6
+    assert rows["SNN rollout"]["GroundVehicle-v0 moe-custom"].endswith("of 10,000 (6729)")
+    ours = next(
+        row for row in read(ROOT / "results" / "compare_training_Quadcopter-v0.json")["rows"] if row["name"] == "snn"
+    )
+    success = f"{ours['success_spread']['median']:.0f} of 1,000 (1000)"
+    assert rows["SNN rollout"]["Quadcopter-v0 moe-kmeans-4"] == success
+    assert rows["cluster sizes"]["PendulumSwingup-v0 moe-custom"].endswith("(388–505)")
+    assert rows["gate size"]["QuadcopterObstacle-v0 moe-kmeans-8"] == "(7, 200, 200, 8)"
+
+
 # -- README ------------------------------------------------------------------------------------------------------------
 
 
