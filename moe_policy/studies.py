@@ -200,7 +200,7 @@ _OBSTACLE = Study(
     stored=2_000,
     lookaround=2,
     problems=100_000,
-    whole=replace(_LARGE, epochs=50),
+    whole=replace(_LARGE, epochs=40),
 )
 
 STUDIES: Mapping[str, Study] = MappingProxyType(
