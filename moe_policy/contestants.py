@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import threading
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +15,9 @@ from tqdm import tqdm
 
 from moe_policy import store
 from moe_policy.comparison import Contestant
+from moe_policy.margin import WithMargin
 from moe_policy.optimal import SolverPlanner
-from moe_policy.planner import NearestPlanner
+from moe_policy.planner import NearestPlanner, NetworkPlanner
 from moe_policy.scaling import Array
 from moe_policy.studies import study_of
 from moe_policy.tracking import Stabiliser
@@ -62,6 +65,15 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
                 training = json.loads(record_path.read_text())
             contestants.append(Contestant(name, policy, steps(training["steps"]), training["seconds"]))
     return contestants
+
+
+def with_margins(problem: OptimalControlProblem, contestants: Sequence[Contestant]) -> list[Contestant]:
+    """The networks among ``contestants`` once more, keeping the margin of the problem's study; none without one."""
+    if (margin := study_of(problem).margin) is None:
+        return []
+    networks = [contestant for contestant in contestants if isinstance(contestant.actor, NetworkPlanner)]
+    planners = [WithMargin(problem, contestant.actor, *margin) for contestant in networks]
+    return [replace(contestant, name=planner.name, actor=planner) for contestant, planner in zip(networks, planners)]
 
 
 def stabiliser(problem: OptimalControlProblem) -> list[Contestant]:

@@ -315,3 +315,38 @@ def violations_figure(path: str | os.PathLike[str], violations: Mapping[str, Arr
         axes.legend()
 
     return save_figure(path, (5.6, 3.6), draw)
+
+
+def margins_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]) -> Path:
+    """Mean violation at the knots against the cost, along margins: a curve for each planner, the optimum a star.
+
+    Args:
+        path: file to write.
+        rows: of the comparison, with ``margin`` (``None`` for the optimum).
+    """
+    names = dict.fromkeys(row["name"] for row in rows if row["margin"] is not None)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        for name, color in zip(names, COLORS):
+            points = [row for row in rows if row["name"] == name and row["margin"] is not None]
+            cost = [100 * (row["cost_ratio"]["ratio"] - 1) for row in points]
+            axes.plot(cost, [row["knot_violation_mean"] for row in points], "o-", color=color, label=name, markersize=4)
+            for row, x in zip(points, cost):
+                axes.annotate(
+                    f"{row['margin']:g}",
+                    (x, row["knot_violation_mean"]),
+                    xytext=(3, 3),
+                    textcoords="offset points",
+                    fontsize=7,
+                    color=color,
+                )
+        for row in rows:
+            if row["margin"] is None:
+                axes.plot(0.0, row["knot_violation_mean"], "*", color="black", label=row["name"], markersize=9)
+        axes.set(xlabel="cost above the tracked optimum, %", ylabel="mean violation at the knots, m")
+        axes.set_ylim(bottom=0.0)
+        axes.set_title("margins on the radius, m")
+        axes.legend()
+
+    return save_figure(path, (5.6, 3.8), draw)

@@ -60,6 +60,8 @@ class Study:
         lookaround: among how many nearest stored solutions the optimal planner looks for modes to start from.
         problems: how many training problems the planners are trained on, those that were solved first; all where
             ``None``.
+        margin: parameter that networks are also asked to exceed, and by how much, in rows of their own
+            (:mod:`moe_policy.margin`).
         whole: how planners are trained on all problems, with one seed, where ``problems`` are fewer.
     """
 
@@ -77,6 +79,7 @@ class Study:
     stored: int | None = None
     lookaround: int = 12
     problems: int | None = None
+    margin: tuple[str, float] | None = None
     whole: TrainingSettings | None = None
 
     @property
@@ -200,6 +203,7 @@ _OBSTACLE = Study(
     stored=2_000,
     lookaround=2,
     problems=100_000,
+    margin=("radius", 0.1),
     whole=replace(_LARGE, epochs=40),
 )
 

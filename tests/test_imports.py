@@ -76,6 +76,7 @@ ORDER = (
     "moe_policy.learners",
     "moe_policy.baselines",
     "moe_policy.studies",
+    "moe_policy.margin",
     "moe_policy.evaluation",
     "moe_policy.diagnosis",
     "moe_policy.reporting",
