@@ -72,7 +72,7 @@ def with_margins(problem: OptimalControlProblem, contestants: Sequence[Contestan
     if (margin := study_of(problem).margin) is None:
         return []
     networks = [contestant for contestant in contestants if isinstance(contestant.actor, NetworkPlanner)]
-    planners = [WithMargin(problem, contestant.actor, *margin) for contestant in networks]
+    planners = [WithMargin(problem, contestant.planner, *margin) for contestant in networks if contestant.planner]
     return [replace(contestant, name=planner.name, actor=planner) for contestant, planner in zip(networks, planners)]
 
 
