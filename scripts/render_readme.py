@@ -1,7 +1,6 @@
 """Write the tables of README.md from the records in ``results/``; ``--check`` only tells whether they agree.
 
-A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made from ``results/NAME.json``, the
-``overview`` from the comparisons of all problems.
+A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made from ``results/NAME.json``.
 """
 
 from __future__ import annotations
@@ -15,8 +14,7 @@ from typing import Any
 
 from moe_policy.comparison import COLUMNS, TRAINING_COLUMNS
 from moe_policy.reporting import Column, markdown_table
-from moe_policy.summary import OVERVIEW_COLUMNS, overview_rows, summary_columns
-from ocp_envs.problems import BENCHMARK
+from moe_policy.summary import OVERVIEW_COLUMNS, summary_columns
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -25,15 +23,13 @@ BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
     if name == "table_summary":
         return summary_columns(record)
+    if name == "table_overview":
+        return OVERVIEW_COLUMNS
     return TRAINING_COLUMNS if name.startswith(("compare_training", "table_training")) else COLUMNS
 
 
 def render(text: str) -> str:
     def table(block: re.Match[str]) -> str:
-        if block[2] == "overview":
-            found = {problem.id: ROOT / "results" / f"compare_{problem.id}.json" for problem in BENCHMARK}
-            records = {env_id: json.loads(path.read_text()) for env_id, path in found.items() if path.exists()}
-            return f"{block[1]}\n{markdown_table(overview_rows(records), OVERVIEW_COLUMNS)}\n{block[3]}"
         record = json.loads((ROOT / "results" / f"{block[2]}.json").read_text())
         return f"{block[1]}\n{markdown_table(record['rows'], columns_of(block[2], record))}\n{block[3]}"
 

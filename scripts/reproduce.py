@@ -34,8 +34,10 @@ from moe_policy.planner import NetworkPlanner
 from moe_policy.reporting import Column, markdown_table
 from moe_policy.studies import study_of
 from moe_policy.summary import (
+    OVERVIEW_COLUMNS,
     beside_published,
     model_record,
+    overview_rows,
     row_of,
     summarised,
     summary_columns,
@@ -57,7 +59,7 @@ SHORT = {
 }
 #: The paper's table of ways to train is about the pendulum.
 TRAINED = "PendulumSwingup-v0"
-TABLES = ("training", "summary")
+TABLES = ("overview", "training", "summary")
 #: A sketch, the paper's second figure, belongs to no problem.
 SKETCH = "mixture"
 #: Training and validation problems of the quick form.
@@ -67,6 +69,8 @@ QUICK = {
     "Quadcopter-v0": (1000, 500),
     "QuadcopterObstacle-v0": (2000, 1000),
 }
+#: Starts of the comparisons of the quick form.
+COMPARED = 200
 
 
 def log(text: str) -> None:
@@ -88,7 +92,7 @@ class Source:
         problem: the problem.
         quick: from few problems, and shipped networks.
         data: folder of the databases of all problems.
-        results: folder of the results of the full form.
+        results: folder of the results.
     """
 
     problem: OptimalControlProblem
@@ -115,15 +119,23 @@ class Source:
     def _run(self, script: str, *arguments: str) -> None:
         command = [sys.executable, str(ROOT / "scripts" / script), "--env", self.problem.id, *arguments]
         log(" ".join(command[1:]))
-        subprocess.run([*command, "--data", str(self.data), "--results", str(self.results)], check=True)
+        subprocess.run([*command, "--results", str(self.results)], check=True)
+
+    @cached_property
+    def comparison(self) -> dict[str, Any]:
+        """The record of the comparison with reinforcement learning; in the quick form on the first starts alone."""
+        path = self.results / f"compare_{self.problem.id}.json"
+        if self.quick or not path.exists():
+            self._run("compare_rl_vs_moe.py", *(("--cases", str(COMPARED)) if self.quick else ()))
+        return dict(json.loads(path.read_text()))
 
     @cached_property
     def record(self) -> Path:
         """The record of the full form, for which everything is made that is not there."""
         path = self.results / f"compare_training_{self.problem.id}.json"
         if not path.exists():  # remove it to have it made anew
-            self._run("generate_data.py")
-            self._run("compare_training.py")
+            self._run("generate_data.py", "--data", str(self.data))
+            self._run("compare_training.py", "--data", str(self.data))
         return path
 
     @cached_property
@@ -166,11 +178,14 @@ class Source:
 
 def table(name: str, sources: dict[str, Source]) -> tuple[dict[str, Any], tuple[Column, ...]]:
     """The record of the table ``name``, and its columns."""
+    if name == "overview":
+        rows = overview_rows({problem.id: sources[problem.id].comparison for problem in BENCHMARK})
+        return {"rows": rows}, OVERVIEW_COLUMNS
     if name == "training":
         return {"rows": sources[TRAINED].rows}, TRAINING_COLUMNS
     wanted = [problem for problem in BENCHMARK if summarised(problem)]
-    rows = {problem.id: sources[problem.id].rows for problem in wanted}
-    record = summary_record(wanted, rows, {problem.id: sources[problem.id].cases for problem in wanted})
+    every = {problem.id: sources[problem.id].rows for problem in wanted}
+    record = summary_record(wanted, every, {problem.id: sources[problem.id].cases for problem in wanted})
     return record, summary_columns(record)
 
 
@@ -203,8 +218,7 @@ def main() -> None:
     torch.set_num_threads(1)  # the networks are far too small for more
     began = time.perf_counter()
     target = arguments.results or ROOT / "results" / ("quick" if arguments.quick else "")
-    full = arguments.results or ROOT / "results"
-    sources = {problem.id: Source(problem, arguments.quick, arguments.data, full) for problem in BENCHMARK}
+    sources = {problem.id: Source(problem, arguments.quick, arguments.data, target) for problem in BENCHMARK}
     form = {"quick": arguments.quick}
     for name in arguments.table:
         record, columns = table(name, sources)
