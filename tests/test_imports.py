@@ -87,6 +87,8 @@ ORDER = (
     "moe_policy.data_report",
     "moe_policy.comparison",
     "moe_policy.contestants",
+    "moe_policy.robustness",
+    "moe_policy.robustness_figures",
     "moe_policy.gallery",
     "moe_policy.summary",
 )
