@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.actor import LearnedPolicy, read_policy
+from moe_policy.episodes import Episodes
 from moe_policy.learners import SHORT_SAC, PPOSettings, RLSettings, SACSettings
 from moe_policy.rollout import rollout
 from moe_policy.tracking import Stabilised
@@ -48,6 +49,7 @@ __all__ = [
     "RLSettings",
     "SACSettings",
     "TrainingRun",
+    "figures_of",
     "read_policy",
     "train",
     "training_env",
@@ -67,6 +69,13 @@ class Evaluation:
         reached: episodes that entered the goal ball.
         cost: mean ∫L dt up to the goal ball over the successes, ``None`` without any.
         score: see the module; lower is better.
+        cost_ratio: Σ cost / Σ optimal cost of the same starts over the successes; ``None`` without any, or where no
+            optimal costs are known. Episodes end at the edge of the goal ball and the optimum in its centre, so that
+            an optimal policy may be somewhat below 1.
+        mean_return: mean over all episodes of the undiscounted return as the environment charges it: −∫L dt up to the
+            goal ball, up to the time limit where that is not entered, and with what leaving the box costs. ``None`` in
+            records from before it was kept.
+        violation: mean of the largest violation of the path constraints on the path; ``None`` without any.
     """
 
     steps: int
@@ -75,6 +84,9 @@ class Evaluation:
     reached: int
     cost: float | None
     score: float
+    cost_ratio: float | None = None
+    mean_return: float | None = None
+    violation: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,12 +142,48 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings, **argumen
     return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(rewarded)))
 
 
+def figures_of(
+    problem: OptimalControlProblem, episodes: Episodes, optimal_costs: Array | None = None
+) -> dict[str, Any]:
+    """What an :class:`Evaluation` says of ``episodes``, of a learner or of anybody else.
+
+    Args:
+        problem: the problem they ran on.
+        episodes: B of them.
+        optimal_costs: best known costs of their starts, (B,).
+    """
+    won, failure = episodes.success, largest_cost_rate(problem) * problem.time_limit
+    ratio = None
+    if optimal_costs is not None and won.any():
+        ratio = float(episodes.cost[won].sum() / optimal_costs[won].sum())
+    return {
+        "success": int(won.sum()),
+        "reached": int(episodes.reached.sum()),
+        "cost": float(episodes.cost[won].mean()) if won.any() else None,
+        "score": float(np.where(won, episodes.cost, failure).mean()),
+        "cost_ratio": ratio,
+        "mean_return": -float(episodes.cost.mean()),
+        "violation": float(episodes.violation.mean()) if problem.n_clearances else None,
+    }
+
+
 class _Judge:
     """Evaluates actors on the development parameters, in the common loop."""
 
-    def __init__(self, problem: OptimalControlProblem, development: ArrayLike) -> None:
+    def __init__(
+        self, problem: OptimalControlProblem, development: ArrayLike, optimal_costs: ArrayLike | None = None
+    ) -> None:
         self.problem = problem
         self.development = problem.check_parameters(development)
+        self.optimal: Array | None = None
+        if optimal_costs is not None:
+            self.optimal = np.asarray(optimal_costs, dtype=np.float64)
+            if self.optimal.shape != (len(self.development),) or not np.all(self.optimal > 0):
+                raise ValueError(
+                    f"{problem.id}: expected one positive optimal cost for each of {len(self.development)} development "
+                    f"parameters, got {self.optimal.size} of shape {self.optimal.shape}, the smallest "
+                    f"{self.optimal.min(initial=np.inf):.3g}"
+                )
         self.envs = gym.make_vec(
             problem.id,
             num_envs=len(self.development),
@@ -147,14 +195,10 @@ class _Judge:
     def __call__(self, policy: LearnedPolicy, steps: int, started: float) -> Evaluation:
         judged = Stabilised(policy, self.problem, policy.dt) if self.problem.hold else policy
         episodes = rollout(self.envs, judged, self.development)
-        failure = largest_cost_rate(self.problem) * self.problem.time_limit
         return Evaluation(
             steps=steps,
             seconds=round(time.perf_counter() - started, 1),
-            success=int(episodes.success.sum()),
-            reached=int(episodes.reached.sum()),
-            cost=float(episodes.cost[episodes.success].mean()) if episodes.success.any() else None,
-            score=float(np.where(episodes.success, episodes.cost, failure).mean()),
+            **figures_of(self.problem, episodes, self.optimal),
         )
 
 
@@ -163,6 +207,7 @@ def train(
     settings: RLSettings,
     development: ArrayLike,
     *,
+    optimal_costs: ArrayLike | None = None,
     on_evaluation: Callable[[TrainingRun], None] | None = None,
     details: Mapping[str, Any] | None = None,
 ) -> TrainingRun:
@@ -172,14 +217,17 @@ def train(
         problem: a problem that ``ocp_envs`` knows.
         settings: :class:`SACSettings` or :class:`PPOSettings`.
         development: parameters (B, np) on which the best actor is chosen.
+        optimal_costs: the best known cost of each of them, (B,), for ratios of costs; nothing is chosen by it.
         on_evaluation: called with the run so far after each evaluation, to report and to save.
         details: kept with the policy, as JSON.
 
     Raises:
         ImportError: Stable-Baselines3 is not installed.
+        ValueError: parameters or optimal costs that are no use.
     """
+    judge = _Judge(problem, development, optimal_costs)
     env = training_env(problem, settings)
-    learner, judge = settings.learner(env), _Judge(problem, development)
+    learner = settings.learner(env)
     started, run = time.perf_counter(), None
 
     def evaluate() -> TrainingRun:

@@ -1,12 +1,16 @@
 """What a reinforcement learner is made from: settings that build it, and that take the actor out of it again.
 
 SAC: Haarnoja et al., *Soft actor-critic algorithms and applications* (2018). PPO: Schulman et al., *Proximal policy
-optimization algorithms* (2017). Both are Stable-Baselines3's, imported when a learner is built.
+optimization algorithms* (2017). TQC: Kuznetsov et al., *Controlling overestimation bias with truncated mixture of
+continuous distributional quantile critics* (2020). They are Stable-Baselines3's, TQC that of its companion sb3-contrib,
+and imported when a learner is built.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from torch import nn
@@ -120,27 +124,55 @@ class SACSettings(RLSettings):
         """The untrained learner of Stable-Baselines3."""
         from stable_baselines3 import SAC
 
-        return SAC(
-            "MlpPolicy",
-            env,
-            learning_rate=self.rate,
-            buffer_size=self.buffer_size,
-            learning_starts=self.learning_starts,
-            batch_size=self.batch_size,
-            tau=self.tau,
-            gamma=self.gamma,
-            train_freq=1,
-            gradient_steps=self.gradient_steps,
-            ent_coef=self.entropy,
-            policy_kwargs={"net_arch": list(self.hidden)},
-            seed=self.seed,
-            device="cpu",
-        )
+        return SAC("MlpPolicy", env, **self._arguments())
+
+    def _arguments(self) -> dict[str, Any]:
+        return {
+            "learning_rate": self.rate,
+            "buffer_size": self.buffer_size,
+            "learning_starts": self.learning_starts,
+            "batch_size": self.batch_size,
+            "tau": self.tau,
+            "gamma": self.gamma,
+            "train_freq": 1,
+            "gradient_steps": self.gradient_steps,
+            "ent_coef": self.entropy,
+            "policy_kwargs": {"net_arch": list(self.hidden)},
+            "seed": self.seed,
+            "device": "cpu",
+        }
 
     def actor(self, learner: Any) -> Actor:
         """A copy of the learner's actor, without its noise."""
         network = learner.policy.actor
         return Actor.of_layers([*_linear(network.latent_pi), network.mu], "relu", "tanh")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TQCSettings(SACSettings):
+    """Truncated quantile critics: SAC whose two critics tell 25 quantiles of the return each, cut off from above.
+
+    Args:
+        dropped: quantiles of each critic that are left out from above.
+    """
+
+    algorithm: ClassVar[str] = "tqc"
+
+    dropped: int = 2
+
+    def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
+        """The untrained learner of sb3-contrib.
+
+        Raises:
+            ImportError: it is not installed.
+        """
+        try:
+            from sb3_contrib import TQC
+        except ImportError as error:
+            raise ImportError(f"TQC needs sb3-contrib: pip install 'ocp-moe[tqc]' ({error})") from error
+
+        learner: BaseAlgorithm = TQC("MlpPolicy", env, top_quantiles_to_drop_per_net=self.dropped, **self._arguments())
+        return learner
 
 
 #: For a comparison made anew within minutes: a third of the steps, with the discount of the trial of that length.
@@ -203,3 +235,9 @@ class PPOSettings(RLSettings):
 
 def _linear(network: nn.Sequential) -> list[nn.Linear]:
     return [layer for layer in network if isinstance(layer, nn.Linear)]
+
+
+#: The settings of every algorithm.
+ALGORITHMS: Mapping[str, type[SACSettings] | type[PPOSettings]] = MappingProxyType(
+    {settings.algorithm: settings for settings in (SACSettings, PPOSettings, TQCSettings)}
+)

@@ -89,6 +89,22 @@ class Study:
         return tuple(name for name in self.models if name in given or name in self.compared)
 
 
+#: Without a price for being far from the goal PPO learns to stand still: acting costs, and the goal is not found by
+#: chance. The noise stays, and the discount is that of SAC.
+_SWINGING = PPOSettings(
+    steps=3_000_000,
+    n_envs=256,
+    n_steps=32,
+    batch_size=2048,
+    n_epochs=8,
+    learning_rate=1e-3,
+    entropy=0.003,
+    reward_scale=0.1,
+    shaping=2.0,
+    near_starts=0.7,
+    evaluate_every=200_000,
+)
+
 _PENDULUM = Study(
     compared=("snn", "moe-custom", "moe-kmeans-4"),
     models=(
@@ -117,7 +133,7 @@ _PENDULUM = Study(
     sizes={size: DEFAULT.epochs for size in (80, 160, 320, 640)},
     sized=("snn", "moe-custom", "moe-kmeans-4"),
     ablation=dict(zip(((300,), *PENDULUM_ABLATION), (0.058, 0.258, 0.170, 0.232))),
-    learners={"sac": SACSettings()},
+    learners={"sac": SACSettings(), "ppo": _SWINGING},
     short_learners={"sac": SHORT_SAC},
     paper_settings=("snn", "moe-custom"),
 )

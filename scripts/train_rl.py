@@ -27,7 +27,8 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy import comparison
-from moe_policy.baselines import PPOSettings, RLSettings, SACSettings, TrainingRun, train
+from moe_policy.baselines import TrainingRun, train
+from moe_policy.learners import ALGORITHMS, RLSettings
 from moe_policy.store import SHIPPED
 from moe_policy.studies import study_of
 from ocp_envs import reference
@@ -35,12 +36,11 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
-ALGORITHMS: dict[str, RLSettings] = {"sac": SACSettings(), "ppo": PPOSettings()}
 
 
 def override(problem: OptimalControlProblem, algorithm: str, texts: list[str]) -> RLSettings:
     """The settings of ``algorithm`` in the problem's study with ``name=value`` replaced."""
-    settings = study_of(problem).learners.get(algorithm) or ALGORITHMS[algorithm]
+    settings = study_of(problem).learners.get(algorithm) or ALGORITHMS[algorithm]()
     names = {f.name for f in dataclasses.fields(settings)}
     values: dict[str, Any] = {}
     for text in texts:
@@ -87,7 +87,7 @@ def main() -> None:
     problem = ocp_envs.load(arguments.env_id)
     settings = override(problem, arguments.algorithm, arguments.set)
     name = f"{arguments.algorithm}_{problem.id}"
-    development = reference.load(problem, "development").parameters
+    development = reference.load(problem, "development")
     judged_on = {"set": "development", "count": len(development)}
     search_path = arguments.results / f"search_{name}.json"
     started = provenance()
@@ -110,7 +110,14 @@ def main() -> None:
         complete = run.curve[-1].steps >= settings.steps
         return {**run.record(), "complete": complete, "development": judged_on, "provenance": started}
 
-    run = train(problem, settings, development, on_evaluation=report, details={"development": judged_on})
+    run = train(
+        problem,
+        settings,
+        development.parameters,
+        optimal_costs=development.cost,
+        on_evaluation=report,
+        details={"development": judged_on},
+    )
     bar.close()
     if not arguments.trial:
         record = {"env_id": problem.id, **record_of(run), "validation": judge(problem, run), "search": earlier}

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 
 import gymnasium as gym
 import numpy as np
@@ -11,7 +12,8 @@ import torch
 import ocp_envs
 from moe_policy import store
 from moe_policy.actor import Actor, LearnedPolicy
-from moe_policy.baselines import PPOSettings, SACSettings, train, training_env
+from moe_policy.baselines import figures_of, train, training_env
+from moe_policy.learners import PPOSettings, SACSettings, TQCSettings
 from moe_policy.rollout import rollout
 from moe_policy.tracking import Stabilised
 from moe_policy.wrappers import Features
@@ -22,6 +24,7 @@ from tests.problems import DOUBLE_INTEGRATOR
 
 SAC = SACSettings(steps=400, learning_starts=200, gradient_steps=1, n_envs=4, hidden=(8, 16), evaluate_every=200)
 PPO = PPOSettings(steps=512, n_envs=8, n_steps=16, batch_size=64, n_epochs=2, hidden=(8, 16), evaluate_every=256)
+TQC = TQCSettings(**dataclasses.asdict(SAC), dropped=3)
 DEVELOPMENT = np.array([[0.5, 0.5], [3.0, 0.0], [3.2, 0.05], [5.0, -1.0]])
 
 
@@ -42,8 +45,10 @@ def observations(count, seed=0):
 # -- the actor ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("settings", [SAC, PPO], ids=["sac", "ppo"])
+@pytest.mark.parametrize("settings", [SAC, PPO, TQC], ids=["sac", "ppo", "tqc"])
 def test_the_rebuilt_actor_does_what_stable_baselines_does(settings, tmp_path):
+    if settings is TQC:
+        pytest.importorskip("sb3_contrib")
     learner = settings.learner(training_env(PENDULUM, settings))
     learner.learn(settings.steps)
     policy = LearnedPolicy(PENDULUM, settings.actor(learner), period=0.1, algorithm=settings.algorithm)
@@ -166,7 +171,8 @@ def test_a_damaged_or_foreign_policy_file_is_refused(tmp_path):
 @pytest.mark.parametrize("settings", [SAC, PPO], ids=["sac", "ppo"])
 def test_training_reports_and_keeps_the_best(settings):
     reports = []
-    run = train(PENDULUM, settings, DEVELOPMENT, on_evaluation=reports.append)
+    optimal = np.array([4.0, 0.3, 0.1, 3.0])
+    run = train(PENDULUM, settings, DEVELOPMENT, optimal_costs=optimal, on_evaluation=reports.append)
     assert [e.steps for e in run.curve] == [settings.evaluate_every, 2 * settings.evaluate_every]
     assert [len(r.curve) for r in reports] == [1, 2]
     assert run.best.score == min(e.score for e in run.curve)
@@ -178,6 +184,63 @@ def test_training_reports_and_keeps_the_best(settings):
     failed = 2 * PENDULUM.time_limit  # the largest cost rate of the pendulum is 2
     assert run.best.score == pytest.approx(np.where(episodes.success, episodes.cost, failed).mean())
     assert run.best.success == episodes.success.sum()
+    assert run.best.mean_return == pytest.approx(-episodes.cost.mean())
+    assert run.best.violation is None
+    if episodes.success.any():
+        ratio = episodes.cost[episodes.success].sum() / optimal[episodes.success].sum()
+        assert run.best.cost_ratio == pytest.approx(ratio)
+
+
+def test_figures_of_episodes_add_up():
+    """From hand-made episodes: two successes, one that entered the goal ball and left it, one that left the box."""
+    policy = Stabilised(random_policy(), PENDULUM)
+    episodes = dataclasses.replace(
+        rollout(make_envs(PENDULUM, 4), policy, DEVELOPMENT),
+        success=np.array([True, True, False, False]),
+        reached=np.array([True, True, True, False]),
+        cost=np.array([2.0, 4.0, 1.0, 40.0]),
+    )
+    figures = figures_of(PENDULUM, episodes, np.array([1.0, 4.0, 100.0, 100.0]))
+    assert figures == {
+        "success": 2,
+        "reached": 3,
+        "cost": 3.0,
+        "score": (2.0 + 4.0 + 40.0 + 40.0) / 4,
+        "cost_ratio": 6.0 / 5.0,
+        "mean_return": -47.0 / 4,
+        "violation": None,
+    }
+    none = figures_of(PENDULUM, dataclasses.replace(episodes, success=np.zeros(4, bool)), np.ones(4))
+    assert (none["cost"], none["cost_ratio"]) == (None, None)
+    assert figures_of(PENDULUM, episodes)["cost_ratio"] is None
+
+
+@pytest.mark.parametrize("costs", [np.ones(3), np.array([1.0, 1.0, 0.0, 1.0]), np.array([1.0, np.nan, 1.0, 1.0])])
+def test_optimal_costs_must_be_one_a_start_and_positive(costs):
+    with pytest.raises(ValueError, match="one positive optimal cost for each of 4"):
+        train(PENDULUM, SAC, DEVELOPMENT, optimal_costs=costs)
+
+
+def test_the_return_of_an_evaluation_is_what_the_environment_charges():
+    """Summed in the environment itself, at the control period of the judge, with the goal as its end."""
+    policy = random_policy()
+    judged = rollout(make_envs(PENDULUM, 4), Stabilised(policy, PENDULUM), DEVELOPMENT)
+    env, returns = gym.make(PENDULUM.id), []
+    for p in DEVELOPMENT:
+        observation, _ = env.reset(options={"parameters": p})
+        state, over, total = None, bool(PENDULUM.goal_error(p) < PENDULUM.goal.radius), 0.0
+        while not over:
+            action, state = policy.predict(observation, state=state)
+            observation, reward, terminated, truncated, _ = env.step(action)
+            over, total = terminated or truncated, total + reward
+        returns.append(total)
+    assert figures_of(PENDULUM, judged)["mean_return"] == pytest.approx(np.mean(returns), abs=1e-4)
+
+
+def test_tqc_tells_what_it_needs(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
+    with pytest.raises(ImportError, match=r"pip install 'ocp-moe\[tqc\]'"):
+        train(PENDULUM, TQC, DEVELOPMENT)
 
 
 def test_training_is_reproducible():

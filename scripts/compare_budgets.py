@@ -1,0 +1,162 @@
+"""What reinforcement learning and planners get for what they spend: against environment steps, and against wall time.
+
+Learners: the training curves of scripts/train_rl.py in ``results/training_<algorithm>_<env>[_seedN].json``, all seeds
+that are there. Planners: the successes of ``results/compare_training_<env>.json`` over the solves and times of
+``results/generation_<env>.json``. The curves are from the development parameters, so what is shipped of either kind,
+and the optimal trajectories, are rolled out from these too, which takes a minute or two. What each side is given, and
+how its budget is counted, stands in the record: ``results/budgets_<env>.json``, drawn in ``.png``.
+
+    python scripts/compare_budgets.py --env GroundVehicle-v0
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import ocp_envs
+from moe_policy import store
+from moe_policy.baselines import figures_of
+from moe_policy.budget_figures import budgets_figure
+from moe_policy.budgets import (
+    GIVEN,
+    PlannerBudget,
+    Untimed,
+    generation_record,
+    planner_rows,
+)
+from moe_policy.comparison import Contestant, environments
+from moe_policy.contestants import solve_all
+from moe_policy.curves import learner_record, learner_runs
+from moe_policy.reporting import Column, duration, text_table
+from moe_policy.rollout import rollout
+from moe_policy.studies import study_of
+from ocp_envs import reference
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.records import provenance, write_json
+
+ROOT = Path(__file__).resolve().parents[1]
+DT = 0.02
+
+
+def on_development(
+    problem: OptimalControlProblem, contestant: Contestant, cases: reference.Reference
+) -> dict[str, Any]:
+    """What an evaluation of a learner says, of anybody: planners are judged as such, and charged as learners are."""
+    envs = environments(problem, len(cases), DT)
+    policy = contestant.policy(problem, DT)
+    figures = figures_of(problem, rollout(envs, policy, cases.parameters), cases.cost)
+    if contestant.planner is not None:
+        figures["mean_return"] = figures_of(problem, rollout(envs, Untimed(policy), cases.parameters))["mean_return"]
+    envs.close()
+    return figures | {"success": figures["success"] / len(cases)}
+
+
+def chosen_actor(
+    problem: OptimalControlProblem, name: str, run: Mapping[str, Any], cases: reference.Reference
+) -> dict[str, Any] | None:
+    """The shipped actor of the learner ``name`` on the development set, and when in its training it was chosen."""
+    if name not in store.available(problem.id):
+        return None
+    policy = store.load(problem.id, name)
+    steps = policy.details["steps"]
+    curve = dict(zip(run["curves"][0]["steps"], run["curves"][0]["seconds"]))
+    development = on_development(problem, Contestant(name, policy), cases)
+    return {"steps": steps, "seconds": curve.get(steps), "development": development}
+
+
+def shipped_rows(problem: OptimalControlProblem, generation: Any, cases: reference.Reference) -> list[dict[str, Any]]:
+    """The shipped networks of the study on the development set, with what they took."""
+    rows = []
+    for name in study_of(problem).compared:
+        if name not in store.available(problem.id):
+            continue
+        planner = store.load(problem.id, name)
+        samples, seconds = planner.details["samples"], planner.details["training"]["seconds"]
+        budget = None
+        if generation is not None:
+            budget = PlannerBudget.of(problem, generation, samples, [seconds]).record()
+        development = on_development(problem, Contestant(name, planner), cases)
+        rows.append({"name": name, "samples": samples, "budget": budget, "development": development})
+    return rows
+
+
+def table(record: dict[str, Any]) -> str:
+    """The ends of the curves and the planners, for the terminal."""
+    rows = []
+    for name, run in record["learners"].items():
+        rows += [
+            {"name": f"{name}, seed {c['seed']}", "states": c["steps"][-1], "seconds": c["seconds"][-1]}
+            | {key: c[key][-1] for key in ("success", "cost_ratio", "mean_return")}
+            for c in run["curves"]
+        ]
+        if run["chosen"]:
+            spent = {"states": run["chosen"]["steps"], "seconds": run["chosen"]["seconds"]}
+            rows.append({"name": f"{name}, the shipped actor", **spent, **run["chosen"]["development"]})
+    for row in record["shipped"]:
+        budget = row["budget"] or {}
+        spent = {"states": budget.get("states_of_iterations"), "seconds": budget.get("seconds")}
+        rows.append({"name": row["name"], **spent, **row["development"]})
+    rows += [{"name": row["name"], **row["development"]} for row in record["levels"]]
+    columns = (
+        Column("name", "who"),
+        Column("states", "simulated states", ","),
+        Column("seconds", "wall time", duration),
+        Column("success", "success", ".1%"),
+        Column("cost_ratio", "cost / optimal", ".3f"),
+        Column("mean_return", "mean return", ".2f"),
+        Column("violation", "mean violation, m", ".3f"),
+    )
+    return text_table(rows, columns)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
+    parser.add_argument("--cases", type=int, help="development parameters of the planners; all by default")
+    parser.add_argument("--records", type=Path, default=ROOT / "results", help="folder of the records that are read")
+    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
+    arguments = parser.parse_args()
+
+    torch.set_num_threads(1)  # the networks are far too small for more
+    problem = ocp_envs.load(arguments.env)
+    known = reference.load(problem, "development")
+    cases = reference.Reference(known.parameters[: arguments.cases], known.mode_costs[: arguments.cases])
+    generation = generation_record(arguments.records, problem)
+    training = arguments.records / f"compare_training_{problem.id}.json"
+    names, count = study_of(problem).compared, len(reference.load(problem, "validation"))
+    rows = json.loads(training.read_text()) if training.exists() else {"sizes": [], "rows": []}
+    learners = {name: learner_record(runs) for name, runs in learner_runs(arguments.records, problem).items()}
+    for name, run in learners.items():
+        run["chosen"] = chosen_actor(problem, name, run, cases)
+    trajectories, costs = solve_all(problem, cases.parameters)
+    solved = np.isfinite(costs)  # a level is no contestant: what was not solved has no optimum to follow
+    followed = trajectories[solved]
+    known_optima = reference.Reference(cases.parameters[solved], cases.mode_costs[solved])
+    optimal = on_development(problem, Contestant("optimal", lambda p: followed), known_optima)
+    record = {
+        "env_id": problem.id,
+        "given": GIVEN,
+        "development": {"set": "development", "count": len(known), "planners": len(cases)},
+        "validation": {"set": "validation", "count": count},
+        "learners": learners,
+        "generation": generation,
+        "planners": planner_rows(problem, rows, generation, names, count),
+        "shipped": shipped_rows(problem, generation, cases),
+        "levels": [{"name": "optimal, tracked", "cases": int(solved.sum()), "development": optimal}],
+        "provenance": provenance(),
+    }
+    path = arguments.results / f"budgets_{problem.id}.json"
+    write_json(path, record)
+    budgets_figure(path.with_suffix(".png"), record)
+    print(f"{table(record)}written to {path} and .png")
+
+
+if __name__ == "__main__":
+    main()
