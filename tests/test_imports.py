@@ -90,6 +90,7 @@ ORDER = (
     "moe_policy.data_report",
     "moe_policy.comparison",
     "moe_policy.contestants",
+    "moe_policy.latency",
     "moe_policy.robustness",
     "moe_policy.robustness_figures",
     "moe_policy.gallery",
