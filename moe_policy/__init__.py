@@ -10,6 +10,7 @@ from typing import Any
 
 # At once, for the function has the name of its module: importing the module later would hide it.
 from moe_policy.rollout import Episodes as Episodes
+from moe_policy.rollout import environments as environments
 from moe_policy.rollout import rollout as rollout
 
 _HOME = {
@@ -34,7 +35,7 @@ _HOME = {
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
-__all__ = sorted(["Episodes", "rollout", *_MODULE_OF])
+__all__ = sorted(["Episodes", "environments", "rollout", *_MODULE_OF])
 
 
 def __getattr__(name: str) -> Any:

@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +19,7 @@ from moe_policy.lqr import TrackingWeights
 from moe_policy.planner import NetworkPlanner
 from moe_policy.policy import Planner, Policy
 from moe_policy.reporting import Column, Outcome, duration, share
-from moe_policy.rollout import Episodes, rollout
+from moe_policy.rollout import Episodes, environments, rollout
 from moe_policy.tracking import Stabilised, Stabiliser, TrackingPolicy
 from moe_policy.training import validation_error
 from ocp_envs.problem import OptimalControlProblem
@@ -58,19 +57,6 @@ class Contestant:
         if isinstance(acting, Stabiliser) or problem.hold == 0:
             return acting
         return Stabilised(acting, problem, dt, weights)
-
-
-def environments(problem: OptimalControlProblem, count: int, dt: float, **arguments: Any) -> Any:
-    """``count`` environments as :func:`~moe_policy.rollout` wants them."""
-    return gym.make_vec(
-        problem.id,
-        num_envs=count,
-        vectorization_mode="vector_entry_point",
-        autoreset_mode=gym.vector.AutoresetMode.DISABLED,
-        terminate_at_goal=False,
-        dt=dt,
-        **arguments,
-    )
 
 
 def run(

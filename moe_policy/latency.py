@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moe_policy.comparison import Contestant, environments
+from moe_policy.comparison import Contestant
 from moe_policy.optimal import BatchSolver
 from moe_policy.policy import Planner, PlanningPolicy
+from moe_policy.rollout import environments
 from moe_policy.scaling import Array
 from ocp_envs.guesses import guesses, random_kind
 from ocp_envs.problem import OptimalControlProblem

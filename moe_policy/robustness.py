@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from moe_policy.comparison import Contestant, environments
+from moe_policy.comparison import Contestant
 from moe_policy.evaluation import evaluate
-from moe_policy.rollout import rollout
+from moe_policy.rollout import environments, rollout
 from moe_policy.scaling import Array
 from ocp_envs.problem import OptimalControlProblem
 

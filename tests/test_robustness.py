@@ -7,9 +7,10 @@ import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy.comparison import Contestant, environments, run
+from moe_policy.comparison import Contestant, run
 from moe_policy.robustness import PERTURBATIONS, Perturbation, perturbations_of, run_level
 from moe_policy.robustness_figures import robustness_figure
+from moe_policy.rollout import environments
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from tests.problems import DOUBLE_INTEGRATOR
