@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import tempfile
 import threading
+import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -94,7 +97,7 @@ def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | No
 
 
 def solve_all(
-    problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None = None
+    problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None = None, keep: Path | None = None
 ) -> tuple[Trajectory, Array]:
     """Optimal trajectories from ``p`` (B, np) and their costs (B,), with a solver process for every core.
 
@@ -102,17 +105,55 @@ def solve_all(
         problem: the problem.
         p: parameters, (B, np).
         nearest: source of warm starts, as for :func:`optimal_planner`.
+        keep: folder where solved shares are kept and looked for, so that an interrupted run goes on; a share counts
+            for its problem, parameters and warm starts alone.
     """
     local = threading.local()
     if nearest is None and "nearest" in store.available(problem.id):
         nearest = store.load(problem.id, "nearest")
 
     def solve(begin: int) -> tuple[Trajectory, Array]:
+        share = p[begin : begin + SHARE]
+        path = None if keep is None else keep / f"{_key(problem, share, nearest)}.npz"
+        if path is not None and (kept := _read(problem, path, len(share))) is not None:
+            return kept
         if not hasattr(local, "planner"):
             local.planner = optimal_planner(problem, nearest)
-        return local.planner.best(p[begin : begin + SHARE])
+        plans, costs = local.planner.best(share)
+        if path is not None:
+            _write(path, plans, costs)
+        return plans, costs
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         shares = range(0, len(p), SHARE)
         parts = list(tqdm(pool.map(solve, shares), total=len(shares), desc="optimal", disable=None, leave=False))
     return Trajectory.concatenate([plan for plan, _ in parts]), np.concatenate([cost for _, cost in parts])
+
+
+def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None) -> str:
+    """A hash of all that a share of optimal trajectories depends on."""
+    sha = hashlib.sha256(f"{problem.fingerprint} {study_of(problem).lookaround}".encode())
+    for array in (p, *(() if nearest is None else (nearest.parameters, nearest.trajectory.flat()))):
+        sha.update(np.ascontiguousarray(array).tobytes())
+    return sha.hexdigest()[:16]
+
+
+def _write(path: Path, plans: Trajectory, costs: Array) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
+    with os.fdopen(descriptor, "wb") as file:
+        np.savez(file, flat=plans.flat(), costs=costs)
+    os.replace(temporary, path)
+
+
+def _read(problem: OptimalControlProblem, path: Path, count: int) -> tuple[Trajectory, Array] | None:
+    """What was kept, ``None`` where it is not there or damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            flat, costs = file["flat"], file["costs"]
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError):
+        return None
+    if flat.shape != (count, problem.flat_size) or costs.shape != (count,):
+        return None
+    system = problem.system
+    return Trajectory.from_flat(flat, problem.knots, system.nx, system.nu), costs

@@ -96,7 +96,7 @@ def main() -> None:
     parameters, costs = parameters[: arguments.cases], costs[: arguments.cases]
     log(f"{len(parameters)} starts of {problem.id}")
 
-    trajectories, found = solve_all(problem, parameters, nearest)
+    trajectories, found = solve_all(problem, parameters, nearest, ROOT / "data" / "optimal" / problem.id)
     optimal = optimal_planner(problem, nearest)
     timed = time_planner(optimal, parameters, (1,), repeats=20) | time_planner(optimal, parameters, (1000,), repeats=1)
     planning = {str(batch): seconds for batch, seconds in timed.items()}

@@ -85,7 +85,7 @@ def main() -> None:
     paths = {pair: kept / f"{pair[0].name}_{pair[1]:g}.json" for pair in levels}
     missing = [pair for pair in levels if not paths[pair].exists()]
     if missing:
-        flat = solve_all(problem, starts)[0].flat()
+        flat = solve_all(problem, starts, keep=arguments.data / "optimal" / problem.id)[0].flat()
         with WorkerPool(arguments.workers) as pool:
             futures = [
                 pool.submit(work, problem.id, starts, flat, *pair, arguments.seed, paths[pair]) for pair in missing
