@@ -154,6 +154,7 @@ def _median(record: Mapping[str, float]) -> str:
 #: The table of training variants: medians over seeds, and their range.
 TRAINING_COLUMNS = (
     Column("name", "model"),
+    Column("samples", "training problems", ","),
     Column("success_spread", "success, median (range)", _median),
     Column("paper_success", "paper", "d"),
     Column("success_at_plan_end_spread", "at the plan's end", _median),

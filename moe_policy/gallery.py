@@ -56,15 +56,21 @@ class Material:
         return self.training.problem
 
     @cached_property
+    def families(self) -> Labels:
+        """The training samples by the problem's own modes."""
+        return cluster(self.training, "custom")
+
+    @cached_property
     def labels(self) -> dict[str, Labels]:
         """The partitions of the training samples by name, the problem's own modes first."""
         kmeans = {f"k-means {k}": cluster(self.training, "kmeans", k=k) for k in self.partitions}
-        return {"custom": cluster(self.training, "custom"), **kmeans}
+        return {"custom": self.families, **kmeans}
 
     @cached_property
     def clusters(self) -> Labels:
-        """The first partition with more than one cluster."""
-        return next((labels for labels in self.labels.values() if labels.k > 1), self.labels["custom"])
+        """The families, or where there is but one, the first partition with more than one cluster."""
+        several = self.families.k > 1 or not self.partitions
+        return self.families if several else next(labels for labels in self.labels.values() if labels.k > 1)
 
     @cached_property
     def episodes(self) -> dict[str, Episodes]:
@@ -117,7 +123,7 @@ def _jump(material: Material, path: Path) -> dict[str, Any]:
     p = validation.parameters[chosen]
     plans = {name: planner(p) for name, planner in material.pair.items()}
     optimal = validation.trajectory[chosen]
-    figures.discontinuity_figure(path, material.training, material.labels["custom"], optimal, plans)
+    figures.discontinuity_figure(path, material.training, material.families, optimal, plans)
     return {"parameters": p, "relative_cost_of_the_second_mode": float(costs[chosen, 1] / costs[chosen, 0] - 1)}
 
 
@@ -173,7 +179,7 @@ def _violations(material: Material, path: Path) -> dict[str, Any]:
 
 
 def _around(material: Material, path: Path) -> dict[str, Any]:
-    space_figures.around_figure(path, material.training, material.labels["custom"], AROUND)
+    space_figures.around_figure(path, material.training, material.families, AROUND)
     return {"parameters": AROUND}
 
 

@@ -15,7 +15,7 @@ import dataclasses
 import hashlib
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import lru_cache
@@ -34,7 +34,7 @@ from moe_policy.lqr import TrackingWeights
 from moe_policy.planner import NetworkPlanner
 from moe_policy.store import SHIPPED, load_file
 from moe_policy.studies import Published, Study, study_of
-from moe_policy.summary import model_record, row_of
+from moe_policy.summary import beside_published, model_record, row_of
 from moe_policy.training import fit_single
 from ocp_envs.database import Samples
 from ocp_envs.problem import OptimalControlProblem
@@ -146,13 +146,20 @@ def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]
 
 
 def run_all(
-    problem: OptimalControlProblem, runs: dict[Run, str], folders: Folders, workers: int | None
+    problem: OptimalControlProblem,
+    runs: dict[Run, str],
+    folders: Folders,
+    workers: int | None,
+    models: Collection[str] | None = None,
 ) -> dict[Run, dict[str, Any]]:
+    """The records of all runs that are kept, and of the others after training them; of ``models`` alone if given."""
     paths = {run: folders.record(problem, key) for run, key in runs.items()}
     records = {run: json.loads(path.read_text()) for run, path in paths.items() if path.exists()}
     with WorkerPool(workers) as pool:
         futures = {
-            pool.submit(execute, problem.id, run, key, folders): run for run, key in runs.items() if run not in records
+            pool.submit(execute, problem.id, run, key, folders): run
+            for run, key in runs.items()
+            if run not in records and (models is None or run.name in models)
         }
         for future in tqdm(as_completed(futures), total=len(futures), unit="model", disable=None):
             records[futures[future]] = future.result()
@@ -169,32 +176,35 @@ def assemble(
         hidden: Any = None,
         title: str | None = None,
         published: Published | None = None,
-    ) -> dict[str, Any]:
+    ) -> list[dict[str, Any]]:
+        """The row of one kind of run over its seeds; none where nothing is kept of it."""
         chosen = [r for r in records if (r.name, r.samples, r.settings, r.hidden) == (name, samples, settings, hidden)]
-        return row_of(title or name, [records[r] for r in sorted(chosen, key=lambda r: r.seed)], published)
+        ordered = [records[r] for r in sorted(chosen, key=lambda r: r.seed)]
+        return [row_of(title or name, ordered, published)] if ordered else []
 
     whole = max((run.samples for run in records if run.settings == study.whole), default=None)
-    every = (total, study.settings) if whole is None else (whole, study.whole)
-    rows = [collect(name, *every, published=study.published.get(name)) for name in study.models]
-    if whole is not None:
-        rows += [
-            collect(name, total, study.settings, title=f"{name}, {total:,} problems")
-            for name in study.models
-            if any((run.name, run.samples) == (name, total) for run in records)
-        ]
-    rows += [
-        collect(name, total, PAPER, title=f"{name}, the paper's training settings") for name in study.paper_settings
-    ]
+    rows, fewer = [], []
+    for name in study.models:
+        published, usual = study.published.get(name), collect(name, total, study.settings)
+        largest = [] if whole is None else collect(name, whole, study.whole, published=published)
+        rows += largest or [row if published is None else beside_published(row, published) for row in usual]
+        fewer += [row | {"name": f"{name}, {total:,} problems"} for row in usual if largest]
+    rows += fewer
+    for name in study.paper_settings:
+        rows += collect(name, total, PAPER, title=f"{name}, the paper's training settings")
     ablation = [
-        collect("snn", total, study.settings, None if hidden == PAPER_SIZES[problem.id].single else hidden)
-        | {"hidden": list(hidden), "paper_test_error": error}
+        row | {"hidden": list(hidden), "paper_test_error": error}
         for hidden, error in study.ablation.items()
+        for row in collect("snn", total, study.settings, None if hidden == PAPER_SIZES[problem.id].single else hidden)
     ]
     counts: list[tuple[int, TrainingSettings | None]] = list(sizes_of(study, total))
     if whole is not None:
         counts.append((whole, study.whole))
-    sizes = [collect(name, *size) for name in study.sized for size in counts]
-    return {"settings": dataclasses.asdict(study.settings), "rows": rows, "ablation": ablation, "sizes": sizes}
+    sizes = [row for name in study.sized for size in counts for row in collect(name, *size)]
+    settings = {"settings": dataclasses.asdict(study.settings)}
+    if study.whole is not None:
+        settings["settings_on_all_problems"] = dataclasses.asdict(study.whole)
+    return settings | {"rows": rows, "ablation": ablation, "sizes": sizes}
 
 
 def draw(
@@ -218,7 +228,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
     parser.add_argument("--seeds", type=int, default=5, help="training seeds of every model")
-    parser.add_argument("--models", nargs="+", help="train these alone, and leave the results as they are")
+    parser.add_argument("--models", nargs="+", help="train these alone; with --ship the results are of what is there")
     parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
     parser.add_argument("--ship", action="store_true", help="put the models of the first seed into the package")
     parser.add_argument("--workers", type=int, help="processes; one per core by default")
@@ -232,12 +242,13 @@ def main() -> None:
     total, data = len(training.solved(training.first(study.problems))), training.key
     largest = list(plan_whole(study, training, total))
     chosen = [*largest, *plan(problem, study, arguments.seeds, total)]
-    runs = {run: run.key(data) for run in chosen if arguments.models is None or run.name in arguments.models}
-    records = run_all(problem, runs, folders, arguments.workers)
-    if arguments.models is not None:
+    runs = {run: run.key(data) for run in chosen}
+    records = run_all(problem, runs, folders, arguments.workers, arguments.models)
+    if arguments.models is not None and not arguments.ship:
         return
     record = assemble(problem, study, records, total)
-    first = {run.name: run for run in largest or (Run(name, 0, total, study.settings) for name in study.models)}
+    first = {name: Run(name, 0, total, study.settings) for name in study.models}
+    first |= {run.name: run for run in largest if run in records}
     models = {name: folders.model(runs[run]) for name, run in first.items() if "pca" not in name}
     if arguments.ship:
         for name in study.shipped:
