@@ -1,12 +1,18 @@
-"""Which parameters every problem is trained, tuned and judged on."""
+"""Which parameters every problem is trained, tuned and judged on, and which hard sets it is tried on beside them.
+
+The seeds of all sets of a problem differ, so that no two share a parameter.
+"""
 
 from __future__ import annotations
 
 import difflib
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
+from ocp_envs.boundary import has_jump
 from ocp_envs.generation import DEFAULT, GenerationSettings
+from ocp_envs.hard_sets import AROUND, HardSet, NearCentre, NearJump, OutsideBox
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sampling import grid, sample
 from ocp_envs.system import Array
@@ -90,7 +96,45 @@ def split_of(problem: OptimalControlProblem, name: str) -> Split:
     """
     splits = splits_of(problem)
     if name not in splits:
-        nearest = difflib.get_close_matches(name, splits, n=1, cutoff=0.3)
-        hint = f"did you mean {nearest[0]!r}? " if nearest else ""
-        raise ValueError(f"{problem.id} has no split {name!r}; {hint}there are {sorted(splits)}")
+        raise ValueError(_no_such("split", name, splits, problem))
     return splits[name]
+
+
+def _no_such(kind: str, name: str, names: Iterable[str], problem: OptimalControlProblem) -> str:
+    nearest = difflib.get_close_matches(name, names, n=1, cutoff=0.3)
+    hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+    return f"{problem.id} has no {kind} {name!r}; {hint}there are {sorted(names)}"
+
+
+# -- hard sets ---------------------------------------------------------------------------------------------------------
+
+_NEAR, _OUTSIDE = 505, 606
+#: Quadcopters have one optimum nearly everywhere.
+_FEW = replace(AROUND, starts=6)
+_HARD: dict[str, dict[str, HardSet]] = {
+    # One in seventy of the pendulum's box is within 3 % of the jump, one in eight of the vehicle's.
+    "PendulumSwingup-v0": {"boundary": NearJump(_NEAR, 40_000), "outside": OutsideBox(_OUTSIDE, (0.0, 0.25))},
+    "GroundVehicle-v0": {"boundary": NearJump(_NEAR, 5_000)},
+    "Quadcopter-v0": {"outside": OutsideBox(_OUTSIDE, settings=_FEW)},
+    "QuadcopterObstacle-v0": {"outside": OutsideBox(_OUTSIDE, settings=_FEW)},
+}
+
+
+def hard_sets_of(problem: OptimalControlProblem) -> dict[str, HardSet]:
+    """The hard sets of ``problem`` by name: ``outside``, and where its optimum jumps ``boundary``."""
+    near: dict[str, HardSet] = {}
+    if has_jump(problem):
+        near = {"boundary": NearJump(_NEAR, 20_000) if problem.free is None else NearCentre(_NEAR)}
+    return {**near, "outside": OutsideBox(_OUTSIDE), **_HARD.get(problem.id, {})}
+
+
+def hard_set_of(problem: OptimalControlProblem, name: str) -> HardSet:
+    """The hard set called ``name``.
+
+    Raises:
+        ValueError: no such set; the message names the nearest one.
+    """
+    sets = hard_sets_of(problem)
+    if name not in sets:
+        raise ValueError(_no_such("hard set", name, sets, problem))
+    return sets[name]

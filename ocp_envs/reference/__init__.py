@@ -1,4 +1,4 @@
-"""Shipped parameters and reference costs of the development and validation sets.
+"""Shipped parameters and reference costs: of the development and validation sets, and of the hard sets.
 
 One table of :mod:`ocp_envs.tables` a set: the parameters, and the best known cost of every mode.
 Parameters are stored rather than drawn again, so that they stay the same whatever a library's random numbers become.
@@ -20,6 +20,8 @@ from ocp_envs.system import Array
 from ocp_envs.tables import path_of
 
 SHIPPED = ("development", "validation")
+#: Sets of :mod:`ocp_envs.hard_sets` by name; a problem without a jump has no ``boundary``.
+HARD = ("boundary", "outside")
 
 
 class ReferenceDataError(tables.TableError):
@@ -51,6 +53,10 @@ class Reference:
     def __len__(self) -> int:
         return len(self.parameters)
 
+    def __getitem__(self, rows: slice) -> Reference:
+        """The problems at ``rows``."""
+        return Reference(self.parameters[rows], self.mode_costs[rows])
+
 
 def save(database: Database, split: str, folder: Path = tables.FOLDER) -> Path:
     """Write the reference of ``database``, in one step.
@@ -64,7 +70,12 @@ def save(database: Database, split: str, folder: Path = tables.FOLDER) -> Path:
         raise ReferenceDataError(
             f"{database.path}: {unsolved} of {len(database)} problems have no solution to refer to"
         )
-    return tables.save(database.problem, split, folder, parameters=database.parameters, mode_costs=costs)
+    return write(database.problem, split, Reference(database.parameters, costs), folder)
+
+
+def write(problem: OptimalControlProblem, split: str, reference: Reference, folder: Path = tables.FOLDER) -> Path:
+    """Write ``reference`` as the set ``split`` of ``problem``, in one step."""
+    return tables.save(problem, split, folder, parameters=reference.parameters, mode_costs=reference.mode_costs)
 
 
 def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDER) -> Reference:
@@ -78,7 +89,8 @@ def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDE
         there = sorted(p.stem for p in path.parent.glob("*.npz"))
         raise ReferenceDataError(f"no reference {split!r} is shipped for {problem.id}; there are {there}")
     try:
-        arrays: dict[str, Any] = tables.load(problem, split, folder, "scripts/generate_data.py --ship")
+        maker = "scripts/make_splits.py" if split in HARD else "scripts/generate_data.py --ship"
+        arrays: dict[str, Any] = tables.load(problem, split, folder, maker)
         return Reference(arrays["parameters"], arrays["mode_costs"])
     except tables.TableError as error:
         raise ReferenceDataError(str(error)) from error

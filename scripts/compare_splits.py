@@ -1,0 +1,118 @@
+"""Compare optimal control, networks, mixtures, reinforcement learning and the bare stabiliser on hard problems.
+
+All run from the same starts through the same rollout loop: those of ``uniform`` (the validation set), ``boundary``
+(next to the jump of the optimum) and ``outside`` (beyond the parameter box), as far as the problem has them;
+``scripts/make_splits.py`` makes the last two. The table goes to the terminal; with all figures, and the curves over the
+distance from the jump, to ``results/compare_splits_<env>.json``, and the picture to ``results/splits_<env>.png``. The
+pendulum takes about two minutes.
+
+    python scripts/compare_splits.py --env GroundVehicle-v0
+    python scripts/compare_splits.py --cases 100 --results /tmp
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+import ocp_envs
+from moe_policy.comparison import Contestant, run
+from moe_policy.contestants import shipped, solve_all, stabiliser
+from moe_policy.episodes import Episodes
+from moe_policy.reporting import text_table
+from moe_policy.split_figures import splits_figure
+from moe_policy.split_report import BINNED, SPLIT_COLUMNS, SPLITS, curves, judged, separations
+from ocp_envs import reference
+from ocp_envs.boundary import distance_to_jump
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.records import provenance, write_json
+from ocp_envs.splits import hard_sets_of
+from ocp_envs.system import Array
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def log(text: str) -> None:
+    print(text, flush=True)
+
+
+def compare(
+    problem: OptimalControlProblem, contestants: list[Contestant], split: str, cases: reference.Reference
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]], dict[str, Episodes]]:
+    """All contestants on one split: what was compared, and by contestant the row and the episodes."""
+    trajectories, found = solve_all(problem, cases.parameters)
+    solved = np.isfinite(found)
+    gap = found[solved] / cases.cost[solved] - 1
+    about = {
+        "cases": len(cases),
+        "optimal_solved": int(solved.sum()),
+        "reference_gap": {
+            "within_0.1_percent": int((np.abs(gap) < 1e-3).sum()),
+            "largest": float(gap.max(initial=0.0)),
+            "smallest": float(gap.min(initial=0.0)),
+        },
+    }
+    # What was solved is followed, not solved again.
+    optimal = Contestant("optimal", lambda p: trajectories)
+    rows: dict[str, dict[str, Any]] = {}
+    episodes: dict[str, Episodes] = {}
+    for contestant in [optimal, *contestants]:
+        row, made = run(problem, contestant, cases.parameters, baseline=episodes.get("optimal"), batches=())
+        rows[contestant.name], episodes[contestant.name] = row | {"judged": judged(problem, made)}, made
+        log(f"{split}, {contestant.name}: {row['success']['count']} of {len(cases)}")
+    return about, rows, episodes
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
+    parser.add_argument("--cases", type=int, help="problems of every split; all by default")
+    parser.add_argument("--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="which; all by default")
+    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
+    arguments = parser.parse_args()
+
+    torch.set_num_threads(1)  # the networks are far too small for more
+    began = time.perf_counter()
+    problem = ocp_envs.load(arguments.env)
+    contestants = [*shipped(problem, ROOT / "results"), *stabiliser(problem)]
+    there = {"validation", *hard_sets_of(problem)}
+    chosen = {split: SPLITS[split] for split in arguments.splits if SPLITS[split] in there}
+    if not chosen:
+        parser.error(f"{problem.id} has no such split; there are {', '.join(s for s in SPLITS if SPLITS[s] in there)}")
+    splits: dict[str, dict[str, Any]] = {}
+    rows: dict[str, dict[str, dict[str, Any]]] = {}
+    distances: list[Array] = []
+    episodes: list[dict[str, Episodes]] = []
+    for split, name in chosen.items():
+        cases = reference.load(problem, name)[: arguments.cases]
+        splits[split], rows[split], made = compare(problem, contestants, split, cases)
+        if split in BINNED:
+            distances.append(distance_to_jump(problem, cases.parameters, cases.mode_costs))
+            episodes.append(made)
+
+    names = ["optimal", *(contestant.name for contestant in contestants)]
+    joined = {name: Episodes.concatenate([made[name] for made in episodes]) for name in names} if episodes else {}
+    table = [{"name": name, **{split: rows[split][name] for split in rows}} for name in names]
+    record = {
+        "env_id": problem.id,
+        "splits": {
+            split: about | {"separations": separations(problem, rows[split])} for split, about in splits.items()
+        },
+        "rows": table,
+        "curves": curves(problem, np.concatenate(distances), joined) if "boundary" in rows else None,
+        "seconds": time.perf_counter() - began,
+        "provenance": provenance(),
+    }
+    write_json(arguments.results / f"compare_splits_{problem.id}.json", record)
+    figure = splits_figure(arguments.results / f"splits_{problem.id}.png", problem, record)
+    log(f"\n{text_table(table, SPLIT_COLUMNS)}")
+    log(f"{record['seconds']:.0f} s; written to {arguments.results / f'compare_splits_{problem.id}.json'} and {figure}")
+
+
+if __name__ == "__main__":
+    main()
