@@ -115,14 +115,17 @@ def solve_all(
     def solve(begin: int) -> tuple[Trajectory, Array]:
         share = p[begin : begin + SHARE]
         path = None if keep is None else keep / f"{_key(problem, share, nearest)}.npz"
-        if path is not None and (kept := _read(problem, path, len(share))) is not None:
-            return kept
-        if not hasattr(local, "planner"):
-            local.planner = optimal_planner(problem, nearest)
-        plans, costs = local.planner.best(share)
-        if path is not None:
-            _write(path, plans, costs)
-        return plans, costs
+        nothing = np.full((len(share), problem.flat_size), np.nan), np.full(len(share), np.inf)
+        flat, costs = (None if path is None else _read(path, nothing[0].shape)) or nothing
+        # What was not solved may have been stopped for taking long on a busy machine.
+        if (lost := ~np.isfinite(costs)).any():
+            if not hasattr(local, "planner"):
+                local.planner = optimal_planner(problem, nearest)
+            found, costs[lost] = local.planner.best(share[lost])
+            flat[lost] = found.flat()
+            if path is not None:
+                _write(path, flat, costs)
+        return Trajectory.from_flat(flat, problem.knots, problem.system.nx, problem.system.nu), costs
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         shares = range(0, len(p), SHARE)
@@ -138,22 +141,19 @@ def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | Non
     return sha.hexdigest()[:16]
 
 
-def _write(path: Path, plans: Trajectory, costs: Array) -> None:
+def _write(path: Path, flat: Array, costs: Array) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
     with os.fdopen(descriptor, "wb") as file:
-        np.savez(file, flat=plans.flat(), costs=costs)
+        np.savez(file, flat=flat, costs=costs)
     os.replace(temporary, path)
 
 
-def _read(problem: OptimalControlProblem, path: Path, count: int) -> tuple[Trajectory, Array] | None:
-    """What was kept, ``None`` where it is not there or damaged."""
+def _read(path: Path, shape: tuple[int, int]) -> tuple[Array, Array] | None:
+    """Flat trajectories and costs that were kept, ``None`` where they are not there or damaged."""
     try:
         with np.load(path, allow_pickle=False) as file:
             flat, costs = file["flat"], file["costs"]
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError):
         return None
-    if flat.shape != (count, problem.flat_size) or costs.shape != (count,):
-        return None
-    system = problem.system
-    return Trajectory.from_flat(flat, problem.knots, system.nx, system.nu), costs
+    return (flat, costs) if flat.shape == shape and costs.shape == shape[:1] else None
