@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moe_policy.comparison import Contestant
-from moe_policy.optimal import BatchSolver
-from moe_policy.policy import Planner, PlanningPolicy
+from moe_policy.policy import Planner
 from moe_policy.rollout import environments
 from moe_policy.scaling import Array
+from moe_policy.tracking import TrackingPolicy
 from ocp_envs.guesses import guesses, random_kind
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solver import GuardedSolver
 from ocp_envs.trajectory import Trajectory
 
 #: Problems that one way of starting the solver gets before it is the next one's turn.
@@ -27,6 +28,41 @@ TURN = 10
 SAME = 1e-3
 #: p (B, np) → row of p, guess and index of the goal's winding (−1: the one nearest to the guess's end) of every solve.
 Start = Callable[[Array], tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]]
+
+
+def planner_rows(
+    planners: Mapping[str, Planner], p: Array, batches: Sequence[int] = (1, 1000), turns: int = 3, calls: int = 20
+) -> list[dict[str, Any]]:
+    """Seconds a plan of each planner, for each size of batch: the median over its calls.
+
+    Args:
+        planners: by name; the first one is what the others are compared with.
+        p: parameters, (n, np), repeated to fill the calls.
+        batches: sizes of a call.
+        turns: how often it is each planner's turn; in each, a batch of 1 is planned ``calls`` times, a larger one once.
+        calls: of a batch of 1 in a turn.
+
+    Returns:
+        for each planner ``seconds`` and ``ratio``, the first planner's time / its time, by batch (as text, for JSON).
+    """
+    taken: dict[str, dict[int, list[float]]] = {name: {batch: [] for batch in batches} for name in planners}
+    for planner in planners.values():  # starts what has to be started
+        planner(p[:2])
+    for turn in range(turns):
+        for name, planner in planners.items():
+            for batch in batches:
+                each = calls if batch == 1 else 1
+                for call in range(turn * each, (turn + 1) * each):
+                    rows = p[np.arange(call * batch, (call + 1) * batch) % len(p)]
+                    began = time.perf_counter()
+                    planner(rows)
+                    taken[name][batch].append((time.perf_counter() - began) / batch)
+    seconds = {name: {str(batch): float(np.median(t)) for batch, t in by.items()} for name, by in taken.items()}
+    first = seconds[next(iter(planners))]
+    return [
+        {"name": name, "seconds": own, "ratio": {batch: first[batch] / value for batch, value in own.items()}}
+        for name, own in seconds.items()
+    ]
 
 
 def cold(problem: OptimalControlProblem, kind: str, seed: int = 0) -> Start:
@@ -53,7 +89,7 @@ def warm(planner: Planner) -> Start:
 
 def solver_rows(
     problem: OptimalControlProblem,
-    solver: BatchSolver,
+    solver: GuardedSolver,
     starts: Mapping[str, Start],
     p: Array,
     best: Array,
@@ -63,13 +99,14 @@ def solver_rows(
     Args:
         problem: the problem.
         solver: what solves.
-        starts: ways of starting by name.
+        starts: ways of starting by name; the first one is what the others are compared with.
         p: problems, (B, np).
         best: best known costs, (B,).
 
     Returns:
-        for each way: solves, those that were verified, problems with a solution and with the best one (by the cheapest
-        of its solves), median iterations and milliseconds of a solve, and wall time for each problem.
+        for each way: solves, those that were verified and those that hung; problems with a solution and with the best
+        one (by the cheapest of its solves); median iterations and milliseconds of a verified solve, ``None`` without
+        any; wall time for each problem, guesses, hangs and checks included, and ``ratio``, the first way's / its own.
     """
     kept: dict[str, list[tuple[Any, ...]]] = {name: [] for name in starts}
     for start in starts.values():  # a first few solves warm up
@@ -78,28 +115,30 @@ def solver_rows(
     for begin in range(0, len(p), TURN):
         part = p[begin : begin + TURN]
         for name, start in starts.items():
-            began = time.perf_counter()
+            restarts, began = solver.restarts, time.perf_counter()
             rows, guess, windings = start(part)
             found = solver.solve(part[rows], guess, windings, persist=False)
-            seconds = time.perf_counter() - began
+            seconds, hung = time.perf_counter() - began, solver.restarts - restarts
             cheapest = np.full(len(part), np.inf)
             np.minimum.at(cheapest, rows, found.cost)
-            kept[name].append((found.solved, found.iterations, found.seconds, cheapest, seconds))
-    result = []
+            kept[name].append((found.solved, found.iterations, found.seconds, cheapest, seconds, hung))
+    result: list[dict[str, Any]] = []
     for name, parts in kept.items():
         solved, iterations, each, cheapest = (np.concatenate(values) for values in list(zip(*parts))[:4])
-        middle = np.median if solved.any() else (lambda values: np.nan)
+        seconds = sum(part[4] for part in parts) / len(p)
         result.append(
             {
                 "name": name,
                 "problems": len(p),
                 "solves": len(solved),
                 "verified": int(solved.sum()),
+                "hung": sum(part[5] for part in parts),
                 "solved_problems": int(np.isfinite(cheapest).sum()),
                 "best_known": int((cheapest <= best * (1 + SAME)).sum()),
-                "iterations_median": float(middle(iterations[solved])),
-                "milliseconds_median": float(1e3 * middle(each[solved])),
-                "seconds_per_problem": sum(part[-1] for part in parts) / len(p),
+                "iterations_median": float(np.median(iterations[solved])) if solved.any() else None,
+                "milliseconds_median": float(1e3 * np.median(each[solved])) if solved.any() else None,
+                "seconds_per_problem": seconds,
+                "ratio": result[0]["seconds_per_problem"] / seconds if result else 1.0,
             }
         )
     return result
@@ -108,47 +147,45 @@ def solver_rows(
 def step_rows(
     problem: OptimalControlProblem, contestants: Sequence[Contestant], p: Array, dt: float = 0.02, ticks: int = 50
 ) -> list[dict[str, Any]]:
-    """Seconds of the first decision of an episode and of each later one, for one environment.
-
-    The first one plans, and sets up the regulators along the plan.
+    """Seconds of a control step of one environment, and of what a planner does before the first one.
 
     Args:
         problem: the problem.
         contestants: who acts.
-        p: starts, (B, np), an episode each; the first one warms up.
+        p: starts, (B, np), B ≥ 2, an episode each; the first one warms up.
         dt: control period, seconds.
         ticks: of an episode.
 
     Returns:
-        medians by contestant, and their share of the control period.
+        medians for each contestant: a plan and the setting up of the regulators along it, ``None`` where nothing is
+        planned; a step after that, and its share of the control period.
     """
     policies = {contestant.name: contestant.policy(problem, dt) for contestant in contestants}
-    first: dict[str, list[float]] = {name: [] for name in policies}
-    later: dict[str, list[float]] = {name: [] for name in policies}
+    taken: dict[str, dict[str, list[float]]] = {name: {"plan": [], "regulators": [], "step": []} for name in policies}
     envs = environments(problem, 1, dt)
     for number, row in enumerate(p):
         for name, policy in policies.items():
+            own = taken[name] if number else {"plan": [], "regulators": [], "step": []}
             observation, _ = envs.reset(options={"parameters": row[None], "extrapolate": True})
-            taken, state = [], None
+            state: Any = None
+            if isinstance(policy, TrackingPolicy):
+                began = time.perf_counter()
+                plan = policy.planner(row[None])
+                planned = time.perf_counter()
+                state = policy.follow(plan, problem.start(row[None])[1])
+                own["plan"].append(planned - began)
+                own["regulators"].append(time.perf_counter() - planned)
             for tick in range(ticks):
                 began = time.perf_counter()
-                if tick == 0 and isinstance(policy, PlanningPolicy):
-                    state = policy.start(row[None])
                 action, state = policy.predict(observation, state, np.array([tick == 0 and state is None]))
-                taken.append(time.perf_counter() - began)
+                own["step"].append(time.perf_counter() - began)
                 observation, _, terminated, _, _ = envs.step(action)
                 if terminated.any():
                     break
-            if number:
-                first[name].append(taken[0])
-                later[name] += taken[1:]
     envs.close()
     return [
-        {
-            "name": name,
-            "first_seconds": float(np.median(first[name])),
-            "step_seconds": float(np.median(later[name])),
-            "step_share_of_period": float(np.median(later[name])) / dt,
-        }
-        for name in policies
+        {"name": name}
+        | {f"{what}_seconds": float(np.median(seconds)) if seconds else None for what, seconds in own.items()}
+        | {"step_share_of_period": float(np.median(own["step"])) / dt}
+        for name, own in taken.items()
     ]

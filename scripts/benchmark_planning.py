@@ -4,9 +4,9 @@
 - solver: from straight lines and random guesses to every winding of the goal (cold), and from the plans of the nearest
   neighbour and of each network (warm): iterations, time, how often it converges to a verified solution and how often to
   the best known cost, on the first validation problems; ratios of time a problem to the cold random start;
-- steps: the first decision of an episode, which plans, and each later one.
+- steps: a plan, the regulators along it, and each control step after that, beside learners and the stabiliser.
 
-All on one core. Writes ``results/benchmark_planning_<env>.json``.
+What is compared takes turns. All on one core. Writes ``results/benchmark_planning_<env>.json``.
 
     python scripts/benchmark_planning.py --env GroundVehicle-v0
 """
@@ -16,40 +16,38 @@ from __future__ import annotations
 import argparse
 import os
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import torch
 
 import ocp_envs
 from moe_policy.contestants import optimal_planner, shipped, stabiliser
-from moe_policy.evaluation import time_planner
-from moe_policy.latency import cold, solver_rows, step_rows, warm
+from moe_policy.latency import cold, planner_rows, solver_rows, step_rows, warm
 from moe_policy.reporting import Column, duration, text_table
 from ocp_envs import reference
 from ocp_envs.records import provenance, write_json
 from ocp_envs.solver import GuardedSolver, SolverSettings
 
 ROOT = Path(__file__).resolve().parents[1]
-PLANNERS = (
-    Column("name", "planner"),
-    Column("1", "batch of 1", duration),
-    Column("1000", "batch of 1,000", duration),
-    Column("ratio", "solver's time / its time", ".3g"),
-)
+DT = 0.02
+#: Plans of a call. The solver takes its time over the large one.
+BATCHES = (1, 1000)
 SOLVER = (
     Column("name", "started from"),
     Column("solves", "solves", "d"),
     Column("verified", "verified", "d"),
+    Column("hung", "hung", "d"),
     Column("best_known", "best known cost", "d"),
     Column("iterations_median", "iterations", ".0f"),
     Column("milliseconds_median", "ms a solve", ".2f"),
+    Column("seconds_per_problem", "a problem", duration),
     Column("ratio", "cold time / its time", ".2f"),
 )
 STEPS = (
     Column("name", "policy"),
-    Column("first_seconds", "first", duration),
-    Column("step_seconds", "later", duration),
+    Column("plan_seconds", "plan", duration),
+    Column("regulators_seconds", "regulators", duration),
+    Column("step_seconds", "step", duration),
+    Column("step_share_of_period", "share of the control period", ".2%"),
 )
 
 
@@ -70,33 +68,29 @@ def main() -> None:
     everyone = shipped(problem)
     planners = {contestant.name: contestant.planner for contestant in everyone if contestant.planner is not None}
 
-    solving = optimal_planner(problem)
-    solving(p[:2])
-    rows: list[dict[str, Any]] = []
-    for name, planner in {"optimal": solving, **planners}.items():
-        repeats = 3 if name == "optimal" else 30
-        seconds = time_planner(planner, known.parameters, (1,), 10 * repeats)
-        seconds |= time_planner(planner, known.parameters, (1000,), 1 if name == "optimal" else repeats)
-        rows.append({"name": name} | {str(batch): value for batch, value in seconds.items()})
-    for row in rows:
-        row["ratio"] = rows[0]["1"] / row["1"]
-    print(text_table(rows, PLANNERS))
+    planned = planner_rows({"optimal": optimal_planner(problem), **planners}, known.parameters, BATCHES)
+    flat = [
+        {"name": row["name"]}
+        | {f"{key} {batch}": row[key][str(batch)] for key in ("seconds", "ratio") for batch in BATCHES}
+        for row in planned
+    ]
+    columns = [Column("name", "planner")]
+    columns += [Column(f"seconds {batch}", f"a plan, batch of {batch:,}", duration) for batch in BATCHES]
+    columns += [Column(f"ratio {batch}", f"solver's / its, {batch:,}", ".3g") for batch in BATCHES]
+    print(text_table(flat, columns))
 
     # On a core of its own a solve that takes a second hangs.
     with GuardedSolver(problem, SolverSettings(hang_factor=25.0, hang_floor=1.0)) as solver:
         starts = {"cold, random": cold(problem, "random"), "cold, line": cold(problem, "line")}
         starts |= {f"warm, {name}": warm(planner) for name, planner in planners.items()}
         solved = solver_rows(problem, solver, starts, p, best)
-    for row in solved:
-        row["ratio"] = solved[0]["seconds_per_problem"] / row["seconds_per_problem"]
     print(text_table(solved, SOLVER))
 
-    stepped = step_rows(problem, [*everyone, *stabiliser(problem)], p[: arguments.episodes + 1])
+    stepped = step_rows(problem, [*everyone, *stabiliser(problem)], known.parameters[: arguments.episodes + 1], DT)
     print(text_table(stepped, STEPS))
-    record = {"env_id": problem.id, "cases": len(p), "planners": rows, "solver": solved, "steps": stepped}
-    for row in solved:
-        row |= {key: None for key, value in row.items() if isinstance(value, float) and np.isnan(value)}
-    write_json(arguments.results / f"benchmark_planning_{problem.id}.json", record | {"provenance": provenance()})
+    record = {"env_id": problem.id, "cases": len(p), "dt": DT}
+    record |= {"planners": planned, "solver": solved, "steps": stepped, "provenance": provenance()}
+    write_json(arguments.results / f"benchmark_planning_{problem.id}.json", record)
 
 
 if __name__ == "__main__":
