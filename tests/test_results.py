@@ -117,3 +117,23 @@ def test_rollouts_are_fast():
     record = read("benchmark_rollout_GroundVehicle-v0")
     assert record["episodes"] == 10_000
     assert record["batched_seconds"]["whole"] < 20
+
+
+def test_mixtures_keep_clearer_of_the_sphere():
+    record = read("compare_training_QuadcopterObstacle-v0")
+    rows = {row["name"]: row for row in record["rows"]}
+    assert rows["moe-custom"]["samples"] > 616_000
+    violations = {name: row["knot_violation_spread"]["median"] for name, row in rows.items()}
+    assert violations["moe-custom"] < min(violations["snn"], violations["moe-kmeans-8"])
+    assert violations["moe-kmeans-8"] < 0.167  # the paper's
+    assert violations["snn"] < 0.315
+    sizes = {(row["name"], row["samples"]) for row in record["sizes"]}
+    assert {(name, size) for name in ("snn", "moe-custom") for size in (10_000, 30_000, 100_000)} <= sizes
+
+
+def test_a_margin_keeps_the_mixture_clear_of_the_papers_figure():
+    rows = {row["name"]: row for row in read("compare_QuadcopterObstacle-v0")["rows"]}
+    assert rows["optimal"]["knot_violation_mean"] < 0.001
+    assert rows["moe-custom, radius + 0.1"]["knot_violation_mean"] < 0.043
+    assert rows["moe-custom, radius + 0.1"]["success"]["fraction"] > 0.999
+    assert rows["moe-custom, radius + 0.1"]["cost_ratio"]["ratio"] < 1.02
