@@ -55,8 +55,9 @@ PROBLEM = OptimalControlProblem(
     time_limit=12.0,
 )
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=int, default=1500, help="training problems")
     parser.add_argument("--epochs", type=int, default=1000, help="passes over them")
     parser.add_argument("--data", type=Path, default=Path("data/cartpole.zarr"), help="where solutions are kept")
@@ -73,3 +74,7 @@ if __name__ == "__main__":
     for planner in (single, mixture):
         episodes = moe_policy.rollout(envs, moe_policy.TrackingPolicy(PROBLEM, planner), starts)
         print(f"{planner.name}: {episodes.success.sum()} of {len(starts)} stand upright")
+
+
+if __name__ == "__main__":
+    main()
