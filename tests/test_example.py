@@ -20,7 +20,7 @@ def test_the_example_is_short_and_stands_in_readme():
 
 
 def test_the_example_runs_from_declaration_to_rollouts(tmp_path):
-    command = [sys.executable, str(EXAMPLE), "--problems", "40", "--epochs", "60", "--data", str(tmp_path / "p.zarr")]
+    command = [sys.executable, str(EXAMPLE), "--problems", "60", "--epochs", "60", "--data", str(tmp_path / "p.zarr")]
     # Without a compiler: what it takes to compile is more than what it saves here.
     environment = os.environ | {"PATH": os.path.dirname(sys.executable), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=300)
