@@ -86,7 +86,9 @@ def test_the_report_is_true(samples, pretrained):
     for planner in (single, pretrained):
         error = training.test_error(planner, samples.parameters[split.test], samples.trajectory[split.test])
         assert planner.report.test_error == pytest.approx(error, rel=1e-4)
-        assert planner.details["training"] == planner.report.summary()
+        training_details = dict(planner.details["training"])
+        assert training_details.pop("peak_memory_gb") > 0.05
+        assert training_details == planner.report.summary()
     part = single.report.part("single")
     assert part.test_loss == pytest.approx(single.report.test_error, rel=1e-5)
     assert part.epochs == 15
