@@ -18,8 +18,6 @@ from ocp_envs.solver import GuardedSolver, Solutions
 from ocp_envs.trajectory import Trajectory
 
 _NEAREST_TARGET = -1
-#: Random guesses for each winding of a problem that no warm start solves, beside a straight line.
-_MORE = 3
 
 
 class BatchSolver(Protocol):
@@ -36,7 +34,8 @@ class SolverPlanner:
 
     Every p is started from its nearest samples in ``database``: among ``lookaround`` of them, the ``neighbours``
     nearest of every mode that occurs there. Beside that, or without a database, each winding of the goal is started
-    from ``starts`` random guesses. What no warm start solves is tried once more, from a line and a few random guesses.
+    from ``starts`` random guesses. What no guess solves is tried once more, from these guesses and a straight line, and
+    with the fallback solver where that does not converge.
     The guesses depend on the seed and on p alone, so a plan does not depend on the batch it is made in.
 
     Args:
@@ -86,35 +85,33 @@ class SolverPlanner:
         """The cheapest verified solution of B parameters, and its cost (B,); NaN and +inf where there is none."""
         checked = self.problem.check_parameters(p, extrapolate=True)
         usual = [random_kind(self.problem)] * self.starts
-        trajectory, cost = self._best(checked, usual, self._nearest)
+        trajectory, cost = self._best(checked, usual, persist=False)
         lost = np.flatnonzero(~np.isfinite(cost))
-        if self._nearest is None or not len(lost):
+        if not len(lost):
             return trajectory, cost
-        again, cost[lost] = self._best(checked[lost], ["line", *[random_kind(self.problem)] * _MORE], None)
+        again, cost[lost] = self._best(checked[lost], ["line", *usual], persist=True)
         merged, system = trajectory.flat(), self.problem.system
         merged[lost] = again.flat()
         return Trajectory.from_flat(merged, self.problem.knots, system.nx, system.nu), cost
 
-    def _best(self, checked: Array, kinds: list[Kind], nearest: NearestPlanner | None) -> tuple[Trajectory, Array]:
-        rows, guess, windings = self._guesses(checked, kinds, nearest)
+    def _best(self, checked: Array, kinds: list[Kind], persist: bool) -> tuple[Trajectory, Array]:
+        rows, guess, windings = self._guesses(checked, kinds)
         if not len(rows):
             return guess, np.empty(0)
-        solutions = self.solver.solve(checked[rows], guess, windings, persist=False)
+        solutions = self.solver.solve(checked[rows], guess, windings, persist)
         # Sorted by row, then by cost: the first of every row is its best.
         order = np.lexsort((solutions.cost, rows))
         best = order[np.searchsorted(rows[order], np.arange(len(checked)))]
         return solutions.trajectory[best], solutions.cost[best]
 
-    def _guesses(
-        self, p: Array, kinds: list[Kind], around: NearestPlanner | None
-    ) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
+    def _guesses(self, p: Array, kinds: list[Kind]) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
         """Row of p, guess and winding of every solve: warm starts, and a guess of each of ``kinds`` to each winding."""
         every = np.arange(len(p))
         rows, parts, windings = [], [], []
-        if around is not None and len(p):
-            owner, sample = self._warm_starts(around, p)
+        if self._nearest is not None and len(p):
+            owner, sample = self._warm_starts(self._nearest, p)
             rows.append(owner)
-            parts.append(around.trajectory[sample])
+            parts.append(self._nearest.trajectory[sample])
             windings.append(np.full(len(owner), _NEAREST_TARGET))
         for row in every if kinds else ():
             rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))

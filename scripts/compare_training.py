@@ -114,8 +114,8 @@ def plan(problem: OptimalControlProblem, study: Study, seeds: int, total: int) -
 
 def plan_whole(study: Study, database: ocp_envs.Database, total: int) -> Iterator[Run]:
     """The runs on all problems, where the others are on fewer and the database is complete."""
-    if study.whole is not None and database.complete and (count := database.totals()["solved"]) > total:
-        yield from (Run(name, 0, count, study.whole) for name in study.models)
+    if study.whole and database.complete and (count := database.totals()["solved"]) > total:
+        yield from (Run(name, 0, count, settings) for name, settings in study.whole.items())
 
 
 def select(samples: Samples, count: int, seed: int) -> Samples:
@@ -123,7 +123,7 @@ def select(samples: Samples, count: int, seed: int) -> Samples:
 
 
 def train(problem: OptimalControlProblem, run: Run, folders: Folders) -> NetworkPlanner:
-    samples = folders.samples(problem, WHOLE if run.settings == study_of(problem).whole else "training")
+    samples = folders.samples(problem, WHOLE if run.settings == study_of(problem).whole.get(run.name) else "training")
     if run.samples < len(samples):
         samples = select(samples, run.samples, run.seed)
     if run.hidden is None:
@@ -182,11 +182,11 @@ def assemble(
         ordered = [records[r] for r in sorted(chosen, key=lambda r: r.seed)]
         return [row_of(title or name, ordered, published)] if ordered else []
 
-    whole = max((run.samples for run in records if run.settings == study.whole), default=None)
+    whole = max((run.samples for run in records if run.samples > total), default=None)
     rows, fewer = [], []
     for name in study.models:
         published, usual = study.published.get(name), collect(name, total, study.settings)
-        largest = [] if whole is None else collect(name, whole, study.whole, published=published)
+        largest = [] if whole is None else collect(name, whole, study.whole.get(name), published=published)
         rows += largest or [row if published is None else beside_published(row, published) for row in usual]
         fewer += [row | {"name": f"{name}, {total:,} problems"} for row in usual if largest]
     rows += fewer
@@ -197,13 +197,14 @@ def assemble(
         for hidden, error in study.ablation.items()
         for row in collect("snn", total, study.settings, None if hidden == PAPER_SIZES[problem.id].single else hidden)
     ]
-    counts: list[tuple[int, TrainingSettings | None]] = list(sizes_of(study, total))
-    if whole is not None:
-        counts.append((whole, study.whole))
-    sizes = [row for name in study.sized for size in counts for row in collect(name, *size)]
-    settings = {"settings": dataclasses.asdict(study.settings)}
-    if study.whole is not None:
-        settings["settings_on_all_problems"] = dataclasses.asdict(study.whole)
+    counts = sizes_of(study, total)
+    sizes = []
+    for name in study.sized:
+        sizes += [row for size in counts for row in collect(name, *size)]
+        sizes += [] if whole is None else collect(name, whole, study.whole.get(name))
+    settings: dict[str, Any] = {"settings": dataclasses.asdict(study.settings)}
+    if study.whole:
+        settings["settings_on_all_problems"] = {name: dataclasses.asdict(s) for name, s in study.whole.items()}
     return settings | {"rows": rows, "ablation": ablation, "sizes": sizes}
 
 

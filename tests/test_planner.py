@@ -102,10 +102,11 @@ class Recorder:
     """Solves nothing: gives every guess back as its solution, at a cost that is its duration."""
 
     def __init__(self, solved=lambda p, duration: np.ones(len(duration), dtype=bool)):
-        self.solved, self.calls = solved, []
+        self.solved, self.calls, self.persisted = solved, [], []
 
     def solve(self, parameters, guesses, windings, persist=True):
         self.calls.append((parameters, windings))
+        self.persisted.append(persist)
         failed = ~self.solved(parameters, guesses.duration)
         flat = guesses.flat()
         flat[failed] = np.nan
@@ -152,7 +153,7 @@ def test_warm_starts_come_from_the_modes_nearby():
     assert (windings == -1).all()
 
 
-def test_what_no_warm_start_solves_is_tried_again_from_other_guesses():
+def test_what_no_warm_start_solves_is_tried_again_with_a_line_and_the_fallback():
     """The solver refuses whatever lasts as long as a stored trajectory, for one of two problems."""
     p = np.array([[1.0, 0.0], [4.0, 1.0]])
     solver = Recorder(lambda q, duration: (q[:, 0] < 3) | ~np.isin(duration, SAMPLES.trajectory.duration))
@@ -163,7 +164,10 @@ def test_what_no_warm_start_solves_is_tried_again_from_other_guesses():
     parameters, windings = solver.calls[1]
     assert len(solver.calls) == 2
     assert (parameters == p[1]).all()
-    assert np.bincount(windings).tolist() == [4, 4, 4]  # a line and three random guesses to every winding
+    first, _ = solver.calls[0]
+    warm = (first == p[1]).all(axis=1).sum()
+    assert np.bincount(windings + 1).tolist() == [warm, 1, 1, 1]  # the warm starts, and a line to every winding
+    assert solver.persisted == [False, True]
 
 
 def test_without_guesses_there_is_nothing_to_solve():
