@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import tempfile
 import threading
 import zipfile
 from collections.abc import Sequence
@@ -24,6 +23,7 @@ from moe_policy.planner import NearestPlanner, NetworkPlanner
 from moe_policy.scaling import Array
 from moe_policy.studies import study_of
 from moe_policy.tracking import Stabiliser
+from ocp_envs.files import replacing
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.trajectory import Trajectory
 
@@ -142,11 +142,8 @@ def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | Non
 
 
 def _write(path: Path, flat: Array, costs: Array) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
-    with os.fdopen(descriptor, "wb") as file:
+    with replacing(path) as file:
         np.savez(file, flat=flat, costs=costs)
-    os.replace(temporary, path)
 
 
 def _read(path: Path, shape: tuple[int, int]) -> tuple[Array, Array] | None:

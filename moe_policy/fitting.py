@@ -11,7 +11,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,12 @@ from numpy.typing import NDArray
 from torch import Tensor
 from tqdm import tqdm
 
+from moe_policy.checkpoint import Checkpoint, identify
+
 #: Rows that a loss is evaluated on at once.
 _TOGETHER = 8192
+#: Rows of the training split that tell one training's data from another's.
+_IDENTIFYING = 100
 #: (inputs, wanted outputs, epoch) → mean loss of the batch.
 Loss = Callable[[Tensor, Tensor, int], Tensor]
 
@@ -184,6 +189,44 @@ def mean_loss(loss: Loss, inputs: Tensor, outputs: Tensor, rows: NDArray[np.int6
     return total / len(rows)
 
 
+@dataclass(eq=False)
+class _State:
+    """Where a minimisation stands, after a number of epochs."""
+
+    parameters: Sequence[torch.nn.Parameter]
+    optimiser: torch.optim.Optimizer
+    generator: torch.Generator
+    best_epoch: int
+    best: list[Tensor]
+    training_losses: list[float] = field(default_factory=list)
+    test_losses: list[float] = field(default_factory=list)
+    finished: bool = False
+    seconds: float = 0.0
+
+    _PLAIN = ("best_epoch", "best", "training_losses", "test_losses", "finished", "seconds")
+
+    def record(self) -> dict[str, Any]:
+        """All of it, for a checkpoint."""
+        return {name: getattr(self, name) for name in self._PLAIN} | {
+            "parameters": [parameter.detach() for parameter in self.parameters],
+            "optimiser": self.optimiser.state_dict(),
+            "generator": self.generator.get_state(),
+        }
+
+    def restore(self, record: dict[str, Any]) -> None:
+        """Go back to where ``record`` was taken."""
+        for name in self._PLAIN:
+            setattr(self, name, record[name])
+        self.set_weights(record["parameters"])
+        self.optimiser.load_state_dict(record["optimiser"])
+        self.generator.set_state(record["generator"])
+
+    def set_weights(self, values: Sequence[Tensor]) -> None:
+        with torch.no_grad():
+            for parameter, value in zip(self.parameters, values, strict=True):
+                parameter.copy_(value)
+
+
 def minimise(
     parameters: Sequence[torch.nn.Parameter],
     loss: Loss,
@@ -197,6 +240,7 @@ def minimise(
     generator: torch.Generator,
     settled: int = 0,
     progress: bool | None = None,
+    checkpoint: Path | None = None,
 ) -> PartReport:
     """Minimise ``loss`` over ``parameters``, which hold the best weights afterwards.
 
@@ -211,40 +255,59 @@ def minimise(
         generator: order of the minibatches.
         settled: first epoch whose weights may be kept, for a loss that changes before.
         progress: show a bar; by default on a terminal.
+        checkpoint: file of the state, written every minute and at the end; where it is there, the minimisation goes on
+            from it and ends with the same weights as one that was not interrupted.
 
     Raises:
+        CheckpointError: the file belongs to another minimisation.
         FloatingPointError: the loss is no longer finite.
     """
     began = time.perf_counter()
     parameters = list(parameters)
     training = torch.from_numpy(split.training)
     optimiser = torch.optim.Adam(parameters, lr=settings.learning_rate, fused=True)
-    training_losses: list[float] = []
-    test_losses: list[float] = []
-    best_epoch, best = settled, [p.detach().clone() for p in parameters]
+    state = _State(parameters, optimiser, generator, settled, [p.detach().clone() for p in parameters])
+    kept = None
+    if checkpoint is not None:
+        first = split.training[:_IDENTIFYING]
+        facts = name, batch, settings, settled, len(split.training), len(split.test)
+        tensors = generator.get_state(), inputs[first], outputs[first], *state.best
+        kept = Checkpoint(checkpoint, identify(*facts, tensors=tensors))
+        if (record := kept.read()) is not None:
+            state.restore(record)
+    before = state.seconds
+    epochs = range(len(state.test_losses), 0 if state.finished else settings.epochs)
     hidden = None if progress is None else not progress
-    for epoch in tqdm(range(settings.epochs), desc=name, disable=hidden, leave=False):
+    bar = tqdm(epochs, desc=name, initial=epochs.start, total=settings.epochs, disable=hidden, leave=False)
+    for epoch in bar:
         optimiser.param_groups[0]["lr"] = settings.rate(epoch)
-        training_losses.append(_one_epoch(optimiser, loss, inputs, outputs, training, batch, epoch, generator))
-        test_losses.append(mean_loss(loss, inputs, outputs, split.test, epoch))
-        if not math.isfinite(training_losses[-1] + test_losses[-1]):
+        training_loss = _one_epoch(optimiser, loss, inputs, outputs, training, batch, epoch, generator)
+        test_loss = mean_loss(loss, inputs, outputs, split.test, epoch)
+        if not math.isfinite(training_loss + test_loss):
             raise FloatingPointError(f"{name}: the loss is not finite in epoch {epoch}; lower learning_rate")
-        if epoch <= settled or test_losses[-1] < test_losses[best_epoch]:
-            best_epoch, best = epoch, [p.detach().clone() for p in parameters]
-        elif settings.patience is not None and epoch - best_epoch >= settings.patience:
+        state.training_losses.append(training_loss)
+        state.test_losses.append(test_loss)
+        if epoch <= settled or test_loss < state.test_losses[state.best_epoch]:
+            state.best_epoch, state.best = epoch, [p.detach().clone() for p in parameters]
+        elif settings.patience is not None and epoch - state.best_epoch >= settings.patience:
             break
-    with torch.no_grad():
-        for parameter, kept in zip(parameters, best):
-            parameter.copy_(kept)
+        if kept is not None and kept.due:
+            state.seconds = before + time.perf_counter() - began
+            kept.write(state.record())
+    state.set_weights(state.best)
+    if not state.finished:
+        state.finished, state.seconds = True, before + time.perf_counter() - began
+        if kept is not None:
+            kept.write(state.record())
     return PartReport(
         name,
         len(split.training),
         len(split.test),
-        tuple(training_losses),
-        tuple(test_losses),
-        best_epoch,
-        test_losses[best_epoch],
-        time.perf_counter() - began,
+        tuple(state.training_losses),
+        tuple(state.test_losses),
+        state.best_epoch,
+        state.test_losses[state.best_epoch],
+        state.seconds,
     )
 
 

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,7 @@ class Part:
         y: wanted outputs of the rows: standardised flat trajectories, or classes (int64), which make it a gate.
         split: which of the rows train and which test.
         settings, seed: of the training.
+        checkpoint: file of its state, for :func:`~moe_policy.fitting.minimise`.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Part:
     split: Split
     settings: TrainingSettings
     seed: int
+    checkpoint: Path | None = None
 
 
 def train_part(part: Part, progress: bool | None = None) -> tuple[SingleNetwork, PartReport]:
@@ -80,6 +83,7 @@ def train_part(part: Part, progress: bool | None = None) -> tuple[SingleNetwork,
         settings=part.settings,
         generator=generator_for(part.seed, part.stream, _ORDER),
         progress=progress,
+        checkpoint=part.checkpoint,
     )
     if not gate:
         return network, report
@@ -156,6 +160,7 @@ class Prepared:
         inputs, outputs: scalers of p and of flat trajectories.
         x, y: standardised p (M, np) and flat trajectories (M, flat_size), float32; in files where they are large
             (:mod:`ocp_envs.scratch`), so that a training reads its minibatches from disk.
+        checkpoints: folder of this training's checkpoints; none are written without one.
     """
 
     problem: OptimalControlProblem
@@ -166,6 +171,7 @@ class Prepared:
     outputs: Standardizer
     x: Tensor
     y: Tensor
+    checkpoints: Path | None = None
 
     @classmethod
     def of(
@@ -174,6 +180,7 @@ class Prepared:
         settings: TrainingSettings,
         seed: int,
         scalers: tuple[Standardizer, Standardizer] | None = None,
+        checkpoints: Path | None = None,
     ) -> Prepared:
         """Prepare a database; ``scalers`` (inputs, outputs) replace those of the training split."""
         samples = samples_of(database)
@@ -188,7 +195,7 @@ class Prepared:
 
         inputs, outputs = scalers or (_fitted(parameters, split.training), _fitted(flat, split.training))
         x, y = _scaled(inputs, parameters, count), _scaled(outputs, flat, count)
-        return cls(samples.problem, settings, seed, split, inputs, outputs, x, y)
+        return cls(samples.problem, settings, seed, split, inputs, outputs, x, y, checkpoints)
 
     def network(self, hidden: Sequence[int], part: int, outputs: int | None = None) -> SingleNetwork:
         """A network with random weights from p to a flat trajectory, or to ``outputs`` logits."""
@@ -199,16 +206,22 @@ class Prepared:
         """The random order of minibatches."""
         return generator_for(self.seed, part, _ORDER)
 
+    def checkpoint(self, name: str) -> Path | None:
+        """The file of the part called ``name``."""
+        return None if self.checkpoints is None else self.checkpoints / f"{name.replace(' ', '-')}.pt"
+
     def regressor(self, hidden: Sequence[int], split: Split, name: str, part: int) -> Part:
         """The training of a network that predicts the trajectories of ``split``."""
         sizes = layer_sizes(self.problem, tuple(hidden))
-        return Part(name, sizes, part, *_rows(self.x, self.y, split), self.settings, self.seed)
+        rows = _rows(self.x, self.y, split)
+        return Part(name, sizes, part, *rows, self.settings, self.seed, self.checkpoint(name))
 
     def classifier(self, hidden: Sequence[int], classes: NDArray[np.int64], count: int, name: str, part: int) -> Part:
         """The training of a network that predicts which of ``count`` classes (M,) every p belongs to."""
         sizes = layer_sizes(self.problem, tuple(hidden), count)
         wanted = torch.from_numpy(np.array(classes))
-        return Part(name, sizes, part, *_rows(self.x, wanted, self.split), self.settings, self.seed)
+        rows = _rows(self.x, wanted, self.split)
+        return Part(name, sizes, part, *rows, self.settings, self.seed, self.checkpoint(name))
 
     def planner(
         self,

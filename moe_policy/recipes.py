@@ -14,6 +14,8 @@ from __future__ import annotations
 
 import re
 from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
 
 from moe_policy.clustering import Samples, SampleSource, cluster
 from moe_policy.fitting import DEFAULT, TrainingSettings
@@ -41,6 +43,7 @@ def make(
     settings: TrainingSettings = DEFAULT,
     seed: int = 0,
     executor: Executor | None = None,
+    checkpoints: Path | None = None,
 ) -> NetworkPlanner | NearestPlanner:
     """Make the planner called ``name`` from a database.
 
@@ -50,25 +53,27 @@ def make(
         settings: how networks are trained.
         seed: of clustering and training.
         executor: trains the networks of a mixture side by side.
+        checkpoints: folder for the states of this training, as for :func:`~moe_policy.training.fit_single`.
 
     Raises:
         ValueError: no such recipe.
     """
     if name == "nearest":
         return NearestPlanner(database)
+    how: Any = {"settings": settings, "seed": seed, "checkpoints": checkpoints}
     if name == "snn":
-        return fit_single(database, settings=settings, seed=seed)
+        return fit_single(database, **how)
     if name == "moe-custom":
-        return fit_mixture(database, cluster(database, "custom"), settings=settings, seed=seed, executor=executor)
+        return fit_mixture(database, cluster(database, "custom"), executor=executor, **how)
     if found := re.fullmatch(r"moe-(kmeans|kmeans-pca)-(\d+)", name):
         components = PRINCIPAL_COMPONENTS if found[1] == "kmeans-pca" else None
         labels = cluster(database, found[1], k=int(found[2]), components=components, seed=seed)
-        return fit_mixture(database, labels, settings=settings, seed=seed, executor=executor)
+        return fit_mixture(database, labels, executor=executor, **how)
     if name == "moe-random":
-        return fit_mixture_jointly(database, cluster(database, "custom").k, settings=settings, seed=seed)
+        return fit_mixture_jointly(database, cluster(database, "custom").k, **how)
     if found := re.fullmatch(r"moe-retrained-(argmax|softmax-([\d.]+))", name):
         mixing: Mixing = Softmax(float(found[2])) if found[2] else ARGMAX
-        trained = make("moe-custom", database, settings=settings, seed=seed, executor=executor)
+        trained = make("moe-custom", database, executor=executor, **how)
         assert isinstance(trained, NetworkPlanner)
-        return retrain(trained, database, mixing, settings=settings, seed=seed)
+        return retrain(trained, database, mixing, **how)
     raise ValueError(f"no recipe for {name!r}; expected one of {', '.join(FORMS)}")

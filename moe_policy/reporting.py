@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moe_policy.evaluation import Share
+from ocp_envs.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -149,21 +149,13 @@ def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: C
         raise ImportError('figures need matplotlib: pip install "ocp-moe[plots]"') from error
     target = Path(path)
     files = [target] if target.suffix in _METADATA else [target.with_name(target.name + kind) for kind in _METADATA]
-    target.parent.mkdir(parents=True, exist_ok=True)
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure)
         for file in files:
-            handle, temporary = tempfile.mkstemp(suffix=file.suffix, dir=target.parent)
-            os.close(handle)
-            try:
-                figure.savefig(temporary, format=file.suffix[1:], metadata=_METADATA[file.suffix])
-                os.chmod(temporary, 0o644)
-                os.replace(temporary, file)
-            except BaseException:
-                os.unlink(temporary)
-                raise
+            with replacing(file) as content:
+                figure.savefig(content, format=file.suffix[1:], metadata=_METADATA[file.suffix])
     return files[0]
 
 

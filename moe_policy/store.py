@@ -11,7 +11,6 @@ import hashlib
 import importlib
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +23,7 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from ocp_envs import problems
+from ocp_envs.files import replacing
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
 
@@ -71,18 +71,6 @@ def _pair(path: str | os.PathLike[str]) -> tuple[Path, Path]:
     return base.with_name(base.name + ".safetensors"), base.with_name(base.name + ".json")
 
 
-def _write_atomically(path: Path, content: bytes) -> None:
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
-
-
 def write_model(
     path: str | os.PathLike[str],
     kind: str,
@@ -113,8 +101,8 @@ def write_model(
         **description,
         "provenance": provenance(),
     }
-    tensor_path.parent.mkdir(parents=True, exist_ok=True)
-    _write_atomically(tensor_path, content)
+    with replacing(tensor_path) as file:
+        file.write(content)
     write_json(json_path, record)
 
 

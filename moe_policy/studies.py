@@ -166,7 +166,7 @@ _VEHICLE = Study(
     sizes={3_000: 640, 10_000: 350, 30_000: 200},
     sized=("snn", "moe-custom", "moe-kmeans-10"),
     learners={"sac": _VEHICLE_SAC, "ppo": _VEHICLE_PPO},
-    stored=10_000,
+    stored=5_000,
 )
 
 #: A quadcopter tumbles at once under the noise that parking wants. What leaving the box costs is then all there is to

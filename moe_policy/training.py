@@ -16,6 +16,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,7 @@ def fit_single(
     seed: int = 0,
     sizes: Sequence[int] | None = None,
     name: str = "snn",
+    checkpoints: Path | None = None,
 ) -> NetworkPlanner:
     """Train one network on everything.
 
@@ -73,11 +75,14 @@ def fit_single(
         seed: decides split, initial weights and order.
         sizes: all layer sizes, such as ``(2, 50, 20, 75)``; by default the problem's own.
         name: name of the planner.
+        checkpoints: folder for the state of an unfinished training, of this one alone: the same call goes on from there
+            and ends with the same weights. Whoever gives it deletes it.
 
     Raises:
+        CheckpointError: the folder holds the state of another training.
         ValueError: sizes that do not fit the problem, or unusable samples.
     """
-    data = Prepared.of(database, settings, seed)
+    data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     hidden = architecture_of(data.problem).single if sizes is None else tuple(sizes)[1:-1]
     if sizes is not None and tuple(sizes) != layer_sizes(data.problem, hidden):
         first, last = layer_sizes(data.problem, ())
@@ -96,6 +101,7 @@ def fit_mixture(
     mixing: Mixing = ARGMAX,
     name: str | None = None,
     executor: Executor | None = None,
+    checkpoints: Path | None = None,
 ) -> NetworkPlanner:
     """Train the gate on the clusters and each expert on its own cluster (decoupled).
 
@@ -109,11 +115,13 @@ def fit_mixture(
         name: name of the planner; by default ``moe-<method>``, with the number of clusters for k-means.
         executor: trains gate and experts side by side, such as a :class:`ocp_envs.workers.WorkerPool`; the weights do
             not depend on it. By default they are trained one after the other, in this process.
+        checkpoints: as for :func:`fit_single`.
 
     Raises:
+        CheckpointError: the folder holds the state of another training.
         ValueError: labels of other samples, a cluster without a training sample, or unusable samples.
     """
-    data = Prepared.of(database, settings, seed)
+    data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     if len(labels) != len(data.x):
         raise ValueError(f"got labels of {len(labels)} samples for {len(data.x)} samples; cluster this database")
     chosen = architecture or architecture_of(data.problem)
@@ -150,6 +158,7 @@ def _fit_whole(
         settings=data.settings,
         generator=data.order(GATE),
         settled=settled,
+        checkpoint=data.checkpoint("mixture"),
     )
 
 
@@ -162,13 +171,14 @@ def fit_mixture_jointly(
     architecture: Architecture | None = None,
     annealing: Annealing = Annealing(),
     name: str = "moe-random",
+    checkpoints: Path | None = None,
 ) -> NetworkPlanner:
     """Train a mixture of ``k`` experts as one network, from random weights, ε lowered by ``annealing``.
 
     Args:
         database: a Database or its samples.
         k: number of experts.
-        settings, seed, architecture, name: as for :func:`fit_mixture`; all experts are of the small size.
+        settings, seed, architecture, name, checkpoints: as for :func:`fit_mixture`; all experts are of the small size.
         annealing: schedule of ε.
 
     Raises:
@@ -176,7 +186,7 @@ def fit_mixture_jointly(
     """
     if k < 1:
         raise ValueError(f"k must be at least 1, got {k}")
-    data = Prepared.of(database, settings, seed)
+    data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     chosen = architecture or architecture_of(data.problem)
     gate = data.network(chosen.gate, GATE, k)
     network = MixtureOfExperts(gate, [data.network(chosen.experts.small, FIRST + i) for i in range(k)])
@@ -196,6 +206,7 @@ def retrain(
     settings: TrainingSettings = DEFAULT,
     seed: int = 0,
     name: str | None = None,
+    checkpoints: Path | None = None,
 ) -> NetworkPlanner:
     """Train the mixture of ``planner`` as one network, from its weights; ``planner`` itself is not changed.
 
@@ -206,6 +217,7 @@ def retrain(
         settings: how.
         seed: decides split and order; that of the planner's training keeps its test split.
         name: name of the planner; by default ``moe-retrained-argmax`` or ``moe-retrained-softmax-<ε>``.
+        checkpoints: as for :func:`fit_single`.
 
     Raises:
         TypeError: a single network.
@@ -216,7 +228,7 @@ def retrain(
     problem = samples_of(database).problem
     if problem.fingerprint != planner.problem.fingerprint:
         raise ValueError(f"the planner is for {planner.problem.id}, the samples of {problem.id} or of a variant of it")
-    data = Prepared.of(database, settings, seed, (planner.inputs, planner.outputs))
+    data = Prepared.of(database, settings, seed, (planner.inputs, planner.outputs), checkpoints)
     old = planner.network
     network = MixtureOfExperts(_copy(old.gate), [_copy(expert) for expert in old.experts])
     part = _fit_whole(data, network, lambda epoch: mixing, isinstance(mixing, Argmax), 0)

@@ -1,4 +1,4 @@
-"""Records of results: where figures come from, and files that are complete or not there."""
+"""Records of results: where figures come from, and JSON."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ocp_envs.compilation import cpu_model
+from ocp_envs.files import replacing
 
 _PACKAGES = ("ocp-moe", "numpy", "scipy", "casadi", "gymnasium", "torch", "scikit-learn", "control", "zarr")
 
@@ -88,14 +88,5 @@ def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None
         TypeError, ValueError: something that JSON cannot hold (NaN and infinity among it); the old file stays.
     """
     text = json.dumps(content, indent=2, default=_plain, allow_nan=False) + "\n"
-    target = Path(path)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}-")
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-            file.write(text)
-        os.chmod(temporary, 0o644)  # mkstemp makes files that only their owner can read
-        os.replace(temporary, target)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with replacing(path) as file:
+        file.write(text.encode())

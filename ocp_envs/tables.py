@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 import zipfile
 from functools import lru_cache
 from pathlib import Path
@@ -11,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ocp_envs.files import replacing
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.system import Array, frozen_array
 
@@ -30,12 +29,8 @@ def path_of(problem: OptimalControlProblem, name: str, folder: Path = FOLDER) ->
 def save(problem: OptimalControlProblem, name: str, folder: Path = FOLDER, **arrays: ArrayLike) -> Path:
     """Write ``arrays`` as the table ``name`` of ``problem``, in one step."""
     target = path_of(problem, name, folder)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, temporary = tempfile.mkstemp(dir=target.parent, suffix=".npz")
-    with os.fdopen(descriptor, "wb") as file:
+    with replacing(target) as file:
         np.savez_compressed(file, fingerprint=np.array(problem.fingerprint), **arrays)  # type: ignore[arg-type]
-    os.chmod(temporary, 0o644)
-    os.replace(temporary, target)
     return target
 
 

@@ -32,6 +32,7 @@ import ocp_envs
 from moe_policy.optimal import SolverPlanner
 from moe_policy.studies import study_of
 from ocp_envs.database import Database
+from ocp_envs.files import replacing
 from ocp_envs.guesses import Kind
 from ocp_envs.nlp import Status
 from ocp_envs.problem import OptimalControlProblem
@@ -93,7 +94,6 @@ def exhaustive(problem: OptimalControlProblem, cases: Array, starts: int, worker
                 known = file["costs"][: len(cases)]
                 costs[: len(known)] = known
     begins = [i for i in range(0, len(cases), CASES_PER_TASK) if np.isnan(costs[i, 0])]
-    store.parent.mkdir(parents=True, exist_ok=True)
     searcher(problem.id).start()  # compiles, once, before the workers ask for it
     with (
         WorkerPool(workers) as pool,
@@ -103,9 +103,8 @@ def exhaustive(problem: OptimalControlProblem, cases: Array, starts: int, worker
         for task in as_completed(tasks):
             begin = tasks[task]
             costs[begin : begin + CASES_PER_TASK] = task.result()
-            part = store.with_suffix(".part.npz")
-            np.savez(part, costs=costs, key=np.array(key))
-            os.replace(part, store)
+            with replacing(store) as file:
+                np.savez(file, costs=costs, key=np.array(key))
             bar.update()
     return costs
 

@@ -1,9 +1,10 @@
 """The planners of a study over several training seeds, ablations, and success against training size.
 
 Every trained model is evaluated on the validation set. Runs are spread over the cores, each result is kept under
-``data/compare_training/``, and an interrupted command goes on where it stopped; a result counts for its database and
-settings alone. Needs the databases of ``scripts/generate_data.py``. Writes ``results/compare_training_<env>.json`` and
-figures beside it. What is trained stands in ``moe_policy/studies.py``.
+``data/compare_training/``, and within a run the state of every network once a minute: an interrupted command goes on
+where it stopped. A result counts for its database and settings alone. Needs the databases of
+``scripts/generate_data.py``. Writes ``results/compare_training_<env>.json`` and figures beside it. What is trained
+stands in ``moe_policy/studies.py``.
 
     python scripts/compare_training.py --env GroundVehicle-v0 --seeds 3
 """
@@ -14,6 +15,7 @@ import argparse
 import dataclasses
 import hashlib
 import json
+import shutil
 import time
 from collections.abc import Collection, Iterator
 from concurrent.futures import as_completed
@@ -122,13 +124,16 @@ def select(samples: Samples, count: int, seed: int) -> Samples:
     return samples[np.sort(np.random.default_rng(seed).permutation(len(samples))[:count])]
 
 
-def train(problem: OptimalControlProblem, run: Run, folders: Folders) -> NetworkPlanner:
+def train(problem: OptimalControlProblem, run: Run, folders: Folders, checkpoints: Path) -> NetworkPlanner:
     samples = folders.samples(problem, WHOLE if run.settings == study_of(problem).whole.get(run.name) else "training")
     if run.samples < len(samples):
         samples = select(samples, run.samples, run.seed)
     if run.hidden is None:
-        return recipes.make(run.name, samples, settings=run.settings, seed=run.seed)  # type: ignore[return-value]
-    return fit_single(samples, settings=run.settings, seed=run.seed, sizes=layer_sizes(problem, run.hidden))
+        made = recipes.make(run.name, samples, settings=run.settings, seed=run.seed, checkpoints=checkpoints)
+        assert isinstance(made, NetworkPlanner)
+        return made
+    sizes = layer_sizes(problem, run.hidden)
+    return fit_single(samples, settings=run.settings, seed=run.seed, sizes=sizes, checkpoints=checkpoints)
 
 
 def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]:
@@ -138,8 +143,10 @@ def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]
     if Path(f"{path}.json").exists():
         planner = load_file(path, problem)
     else:
-        planner = train(problem, run, folders)
+        unfinished = folders.work / "unfinished" / key
+        planner = train(problem, run, folders, unfinished)
         planner.save(path)
+        shutil.rmtree(unfinished)
     record = model_record(planner, folders.samples(problem, "validation"))
     write_json(folders.record(problem, key), record)
     return record

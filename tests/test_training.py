@@ -7,8 +7,9 @@ import pytest
 import torch
 from learning import FakeDatabase, fake_samples
 
-from moe_policy import training
+from moe_policy import fitting, training
 from moe_policy.architectures import Architecture, Experts
+from moe_policy.checkpoint import Checkpoint, CheckpointError
 from moe_policy.clustering import Labels, cluster
 from moe_policy.fitting import PAPER, Split, TrainingSettings
 from moe_policy.networks import ARGMAX, Softmax
@@ -230,6 +231,62 @@ def test_mistakes_are_named(samples, pretrained):
         training.validation_error(pretrained, samples.parameters[:3], samples.trajectory)
     with pytest.raises(ValueError):
         fit_single(dataclasses.replace(samples, problem=QUADCOPTER), settings=QUICK)
+
+
+class Stop(Exception):
+    """What interrupts a training."""
+
+
+def interrupt(monkeypatch, after):
+    """The training of any network stops after so many epochs, in all; with every state kept."""
+    passed = [0]
+
+    def one_epoch(*arguments, run=fitting._one_epoch):
+        if passed[0] == after:
+            raise Stop
+        passed[0] += 1
+        return run(*arguments)
+
+    monkeypatch.setattr(fitting, "_one_epoch", one_epoch)
+    monkeypatch.setattr(Checkpoint, "due", True)
+
+
+@pytest.mark.parametrize("after", [4, 20, 44])
+def test_an_interrupted_training_goes_on_and_ends_with_the_same_weights(samples, pretrained, tmp_path, after):
+    def train():
+        return fit_mixture(samples, cluster(samples, "custom"), settings=QUICK, checkpoints=tmp_path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt(patch, after)
+        with pytest.raises(Stop):
+            train()
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt(patch, 15 * len(pretrained.report.parts) - after)  # what was done is not done again
+        again = train()
+    assert equal(weights(pretrained), weights(again))
+    for part, wanted in zip(again.report.parts, pretrained.report.parts, strict=True):
+        assert (part.training_losses, part.test_losses) == (wanted.training_losses, wanted.test_losses)
+
+
+def test_a_training_that_ran_out_of_patience_stays_finished(samples, tmp_path):
+    hasty = TrainingSettings(epochs=200, patience=1, learning_rate=0.05, final_fraction=1.0)
+    first = fit_single(samples, settings=hasty, checkpoints=tmp_path)
+    assert first.report.parts[0].epochs < 200
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt(patch, 0)
+        again = fit_single(samples, settings=hasty, checkpoints=tmp_path)
+    assert equal(weights(first), weights(again))
+    assert first.report.parts == again.report.parts
+
+
+def test_checkpoints_of_another_training_are_refused(samples, tmp_path):
+    fit_single(samples, settings=QUICK, checkpoints=tmp_path)
+    for other in ({"seed": 1}, {"settings": TrainingSettings(epochs=16)}):
+        with pytest.raises(CheckpointError, match="other data, settings or seed"):
+            fit_single(samples, **({"settings": QUICK, "checkpoints": tmp_path} | other))
+    (tmp_path / "single.pt").write_bytes(b"no checkpoint")
+    with pytest.raises(CheckpointError, match=r"single\.pt is damaged, or not a checkpoint; delete it"):
+        fit_single(samples, settings=QUICK, checkpoints=tmp_path)
 
 
 def test_a_loss_that_explodes_is_an_error(samples):
