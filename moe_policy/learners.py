@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import torch
 from torch import nn
 
 from moe_policy.actor import Actor
+from moe_policy.wrappers import Actions
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -41,6 +43,8 @@ class RLSettings:
         shaping: weight of the distance to the goal in a potential added to the rewards, 0 for none; see
             :class:`moe_policy.wrappers.VectorShapedReward`.
         violation_price: cost per second and unit of violation of the path constraints, for problems that have any.
+        largest_cost: the most that one step costs the learner, ``None`` for what it costs; leaving the box costs more
+            than an episode can.
         near_starts: share of the training episodes that start nearer to the goal than in the benchmark, see
             :class:`moe_policy.wrappers.VectorNearStarts`.
         seed: of everything random in the training.
@@ -63,6 +67,7 @@ class RLSettings:
     reward_scale: float = 1.0
     shaping: float = 0.0
     violation_price: float = 0.0
+    largest_cost: float | None = None
     near_starts: float = 0.0
     seed: int = 0
 
@@ -77,6 +82,8 @@ class RLSettings:
         for name in ("shaping", "violation_price"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must be at least 0, got {getattr(self, name)}")
+        if self.largest_cost is not None and not self.largest_cost > 0:
+            raise ValueError(f"largest_cost must be positive or None, got {self.largest_cost}")
         if not 0 < self.gamma <= 1:
             raise ValueError(f"gamma must be in (0, 1], got {self.gamma}")
         if not 0 <= self.final_learning_rate <= self.learning_rate:
@@ -181,7 +188,7 @@ SHORT_SAC = SACSettings(steps=80_000, gamma=0.99)
 
 @dataclass(frozen=True, kw_only=True)
 class PPOSettings(RLSettings):
-    """Proximal policy optimisation on many environments at once.
+    """Proximal policy optimisation on many environments at once; the first actions are about the goal's control.
 
     Args:
         n_steps: steps of each environment between two updates.
@@ -211,7 +218,7 @@ class PPOSettings(RLSettings):
         """The untrained learner of Stable-Baselines3."""
         from stable_baselines3 import PPO
 
-        return PPO(
+        learner = PPO(
             "MlpPolicy",
             env,
             learning_rate=self.rate,
@@ -226,6 +233,11 @@ class PPOSettings(RLSettings):
             seed=self.seed,
             device="cpu",
         )
+        problem = env.get_attr("problem")[0]
+        bias: Any = learner.policy.action_net.bias
+        with torch.no_grad():
+            bias += torch.from_numpy(Actions(problem).actions(problem.goal.control)).float()
+        return learner
 
     def actor(self, learner: Any) -> Actor:
         """A copy of the learner's actor, without its noise."""

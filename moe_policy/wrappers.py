@@ -138,11 +138,12 @@ class VectorNormalisedAction(gym.vector.VectorActionWrapper[Any, Any, Any, Any])
 class VectorShapedReward(gym.vector.VectorWrapper):
     """Rewards scaled, shaped with a potential that falls with the distance to the goal, and less what violations cost.
 
-    r' = k (r + γ Φ(x') − Φ(x) − c·v·dt),   Φ(x) = −w · goal error of x,   Φ = 0 where the episode has terminated,
+    r' = k (max(r, −h) + γ Φ(x') − Φ(x) − c·v·dt),   Φ(x) = −w · goal error of x,   Φ = 0 after termination,
 
-    v the violation of the path constraints after the step. The potential changes no policy's rank (Ng, Harada &
-    Russell, *Policy invariance under reward transformations*, 1999); the price c makes the
-    constraints felt, of which the cost knows nothing.
+    v the violation of the path constraints after the step. Leaving the box costs more than anything else can; where
+    that is hundreds of times the cost of an episode nothing else is learnt from, so h bounds it. The potential changes
+    no policy's rank (Ng, Harada & Russell, *Policy invariance under reward transformations*, 1999); the price c makes
+    the constraints felt, of which the cost knows nothing.
 
     Args:
         env: a vector environment of :mod:`ocp_envs` made with ``autoreset_mode="Disabled"``, wrapped or not.
@@ -150,6 +151,7 @@ class VectorShapedReward(gym.vector.VectorWrapper):
         weight: w ≥ 0, in units of cost per unit of goal error; 0 leaves the rewards unshaped.
         gamma: the learner's discount γ of one step.
         violation_price: c ≥ 0, cost per second and unit of violation; nothing without path constraints.
+        largest_cost: h > 0, the most that one step costs the learner.
     """
 
     def __init__(
@@ -159,9 +161,10 @@ class VectorShapedReward(gym.vector.VectorWrapper):
         weight: float,
         gamma: float,
         violation_price: float = 0.0,
+        largest_cost: float = np.inf,
     ) -> None:
         super().__init__(env)
-        self._scale, self._weight, self._gamma = scale, weight, gamma
+        self._scale, self._weight, self._gamma, self._largest_cost = scale, weight, gamma, largest_cost
         base: Any = env.unwrapped
         self._price = violation_price * base.dt if base.problem.n_clearances else 0.0
         self._before = np.zeros(env.num_envs)
@@ -184,7 +187,13 @@ class VectorShapedReward(gym.vector.VectorWrapper):
         if self._price:
             gain = gain - self._price * info["violation"]
         self._before = following
-        return observations, self._scale * (np.asarray(rewards) + gain), terminated, truncated, info
+        return (
+            observations,
+            self._scale * (np.maximum(rewards, -self._largest_cost) + gain),
+            terminated,
+            truncated,
+            info,
+        )
 
 
 class VectorNearStarts(gym.vector.VectorWrapper):

@@ -19,6 +19,7 @@ from moe_policy.tracking import Stabilised
 from moe_policy.wrappers import Features
 from ocp_envs.problem import Goal
 from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.system import Box, Coordinate
 from tests.problems import DOUBLE_INTEGRATOR
 
@@ -58,6 +59,14 @@ def test_the_rebuilt_actor_does_what_stable_baselines_does(settings, tmp_path):
     assert np.ptp(expected) > 1e-3, "a constant would prove nothing"
     for candidate in (policy, store.load_file(tmp_path / "rl")):
         np.testing.assert_allclose(candidate.controls(seen), expected, atol=2e-6)
+
+
+def test_the_first_actions_of_ppo_are_about_the_goals_control():
+    """A quadcopter that begins with half thrust rises at once; one that hovers has time to learn."""
+    settings = dataclasses.replace(PPO, hidden=(64, 64))
+    learner = settings.learner(training_env(QUADCOPTER, settings))
+    policy = LearnedPolicy(QUADCOPTER, settings.actor(learner), period=0.1, algorithm="ppo")
+    np.testing.assert_allclose(policy.controls(np.zeros((1, 12))), [QUADCOPTER.goal.control], atol=0.1)
 
 
 def test_an_actor_computes_its_formula():
@@ -252,7 +261,7 @@ def test_training_is_reproducible():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"gamma": 1.5}, "gamma"), ({"steps": 0}, "steps"), ({"final_learning_rate": 1.0}, "final_learning_rate")],
+    [({"gamma": 1.5}, "gamma"), ({"steps": 0}, "steps"), ({"final_learning_rate": 1.0}, "final_learning_rate"), ({"largest_cost": 0.0}, "largest_cost")],
 )
 def test_settings_out_of_range_are_refused(change, message):
     with pytest.raises(ValueError, match=message):

@@ -227,6 +227,19 @@ def test_shaping_telescopes_and_scales():
     np.testing.assert_allclose(total, 0.5 * (-cost - 4.0 * last + 4.0 * first), rtol=1e-6)
 
 
+def test_what_one_step_costs_the_learner_can_be_bounded():
+    """A pendulum that leaves its box is charged for the rest of the episode; the learner only for as much as is set."""
+    rewards = {}
+    for largest in (np.inf, 30.0):
+        envs = gym.make_vec(ENV_ID, num_envs=2, vectorization_mode="vector_entry_point", autoreset_mode="Disabled")
+        bounded = VectorShapedReward(envs, scale=0.5, weight=0.0, gamma=0.99, largest_cost=largest)
+        leaving = PENDULUM.system.state.upper - [0.01, 1.0]
+        bounded.reset(options={"parameters": np.array([[1.0, 0.0], leaving]), "extrapolate": True})
+        rewards[largest] = np.array([bounded.step(np.zeros((2, 1)))[1] for _ in range(3)])
+    assert rewards[np.inf].min() < -15.0
+    np.testing.assert_allclose(rewards[30.0], np.maximum(rewards[np.inf], -15.0))
+
+
 def test_near_starts_lie_between_the_goal_and_the_box():
     count = 400
     envs = gym.make_vec(
