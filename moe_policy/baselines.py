@@ -138,7 +138,13 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings, **argumen
         envs = VectorNearStarts(envs, settings.near_starts, settings.seed)
     largest_cost = np.inf if settings.largest_cost is None else settings.largest_cost
     rewarded = VectorShapedReward(
-        envs, settings.reward_scale, settings.shaping, settings.gamma, settings.violation_price, largest_cost
+        envs,
+        settings.reward_scale,
+        settings.shaping,
+        settings.gamma,
+        settings.violation_price,
+        largest_cost,
+        settings.distance_price,
     )
     return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(rewarded)))
 

@@ -22,6 +22,7 @@ from moe_policy.optimal import SolverPlanner
 from moe_policy.planner import NearestPlanner, NetworkPlanner
 from moe_policy.scaling import Array
 from moe_policy.studies import study_of
+from moe_policy.symmetric import Symmetrised
 from moe_policy.tracking import Stabiliser
 from ocp_envs.files import replacing
 from ocp_envs.problem import OptimalControlProblem
@@ -70,13 +71,19 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
     return contestants
 
 
-def with_margins(problem: OptimalControlProblem, contestants: Sequence[Contestant]) -> list[Contestant]:
-    """The networks among ``contestants`` once more, keeping the margin of the problem's study; none without one."""
-    if (margin := study_of(problem).margin) is None:
-        return []
-    networks = [contestant for contestant in contestants if isinstance(contestant.actor, NetworkPlanner)]
-    planners = [WithMargin(problem, contestant.planner, *margin) for contestant in networks if contestant.planner]
-    return [replace(contestant, name=planner.name, actor=planner) for contestant, planner in zip(networks, planners)]
+def variants(problem: OptimalControlProblem, contestants: Sequence[Contestant]) -> list[Contestant]:
+    """The networks among ``contestants`` once more, used with more care; none where the problem offers nothing.
+
+    Averaged over the problem's symmetry (:class:`Symmetrised`), and keeping the margin of its study
+    (:class:`WithMargin`).
+    """
+    networks = [(c, c.actor) for c in contestants if isinstance(c.actor, NetworkPlanner)]
+    careful: list[tuple[Contestant, Symmetrised | WithMargin]] = []
+    if problem.symmetry is not None:
+        careful += [(contestant, Symmetrised(problem, planner)) for contestant, planner in networks]
+    if (margin := study_of(problem).margin) is not None:
+        careful += [(contestant, WithMargin(problem, planner, *margin)) for contestant, planner in networks]
+    return [replace(contestant, name=planner.name, actor=planner) for contestant, planner in careful]
 
 
 def stabiliser(problem: OptimalControlProblem) -> list[Contestant]:

@@ -45,6 +45,7 @@ class RLSettings:
         violation_price: cost per second and unit of violation of the path constraints, for problems that have any.
         largest_cost: the most that one step costs the learner, ``None`` for what it costs; leaving the box costs more
             than an episode can.
+        distance_price: cost per second and unit of goal error that is added to the problem's.
         near_starts: share of the training episodes that start nearer to the goal than in the benchmark, see
             :class:`moe_policy.wrappers.VectorNearStarts`.
         seed: of everything random in the training.
@@ -68,6 +69,7 @@ class RLSettings:
     shaping: float = 0.0
     violation_price: float = 0.0
     largest_cost: float | None = None
+    distance_price: float = 0.0
     near_starts: float = 0.0
     seed: int = 0
 
@@ -79,7 +81,7 @@ class RLSettings:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 <= self.near_starts <= 1:
             raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
-        for name in ("shaping", "violation_price"):
+        for name in ("shaping", "violation_price", "distance_price"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must be at least 0, got {getattr(self, name)}")
         if self.largest_cost is not None and not self.largest_cost > 0:

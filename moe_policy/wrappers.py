@@ -138,12 +138,13 @@ class VectorNormalisedAction(gym.vector.VectorActionWrapper[Any, Any, Any, Any])
 class VectorShapedReward(gym.vector.VectorWrapper):
     """Rewards scaled, shaped with a potential that falls with the distance to the goal, and less what violations cost.
 
-    r' = k (max(r, −h) + γ Φ(x') − Φ(x) − c·v·dt),   Φ(x) = −w · goal error of x,   Φ = 0 after termination,
+    r' = k (max(r, −h) + γ Φ(x') − Φ(x) − d·e'·dt − c·v·dt),   Φ(x) = −w · e(x),   Φ = 0 after termination,
 
-    v the violation of the path constraints after the step. Leaving the box costs more than anything else can; where
-    that is hundreds of times the cost of an episode nothing else is learnt from, so h bounds it. The potential changes
-    no policy's rank (Ng, Harada & Russell, *Policy invariance under reward transformations*, 1999); the price c makes
-    the constraints felt, of which the cost knows nothing.
+    e the goal error, e' and v that error and the violation of the path constraints after the step. Leaving the box
+    costs more than anything else can; where that is hundreds of times the cost of an episode nothing else is learnt
+    from, so h bounds it. The potential changes no policy's rank (Ng, Harada & Russell, *Policy invariance under reward
+    transformations*, 1999); the price c makes the constraints felt, of which the cost knows nothing, and d the goal
+    where it is too small to be entered by chance: with d the learner minimises another cost than the problem's.
 
     Args:
         env: a vector environment of :mod:`ocp_envs` made with ``autoreset_mode="Disabled"``, wrapped or not.
@@ -152,6 +153,7 @@ class VectorShapedReward(gym.vector.VectorWrapper):
         gamma: the learner's discount γ of one step.
         violation_price: c ≥ 0, cost per second and unit of violation; nothing without path constraints.
         largest_cost: h > 0, the most that one step costs the learner.
+        distance_price: d ≥ 0, cost per second and unit of goal error.
     """
 
     def __init__(
@@ -162,28 +164,31 @@ class VectorShapedReward(gym.vector.VectorWrapper):
         gamma: float,
         violation_price: float = 0.0,
         largest_cost: float = np.inf,
+        distance_price: float = 0.0,
     ) -> None:
         super().__init__(env)
         self._scale, self._weight, self._gamma, self._largest_cost = scale, weight, gamma, largest_cost
         base: Any = env.unwrapped
         self._price = violation_price * base.dt if base.problem.n_clearances else 0.0
+        self._distance_price = distance_price * base.dt
         self._before = np.zeros(env.num_envs)
 
-    def _potential(self) -> NDArray[np.float64]:
+    def _error(self) -> NDArray[np.float64]:
         base: Any = self.env.unwrapped
-        return np.asarray(-self._weight * base.problem.goal_error(base.state))
+        return np.asarray(base.problem.goal_error(base.state))
 
     def reset(self, *, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """As the environment's own."""
         started = self.env.reset(seed=seed, options=options)
-        self._before = self._potential()
+        self._before = -self._weight * self._error()
         return started
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """As the environment's own, with r' for r."""
         observations, rewards, terminated, truncated, info = self.env.step(actions)
-        following = np.where(terminated, 0.0, self._potential())
-        gain = self._gamma * following - self._before
+        error = np.where(terminated, 0.0, self._error())
+        following = -self._weight * error
+        gain = self._gamma * following - self._before - self._distance_price * error
         if self._price:
             gain = gain - self._price * info["violation"]
         self._before = following

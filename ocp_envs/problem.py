@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.batch import BatchFunction, dense_function
 from ocp_envs.picture import Picture
+from ocp_envs.symmetry import Symmetry
 from ocp_envs.system import Array, Box, System, frozen_array, rk4_step
 from ocp_envs.trajectory import Trajectory, flat_size
 
@@ -121,6 +122,7 @@ class OptimalControlProblem:
             the constraint matters: start and goal are clear, h > 0, and the optimal trajectory of ``free`` is not. Its
             parameters are some of this problem's, and ``clearance`` must accept NumPy arrays.
         longest_substep: seconds that a Runge-Kutta step of the simulation may last.
+        symmetry: a map under which the problem looks the same.
 
     Raises:
         ValueError: parts that do not fit together, each named.
@@ -143,6 +145,7 @@ class OptimalControlProblem:
     picture: Picture | None = None
     free: OptimalControlProblem | None = None
     longest_substep: float = 0.02
+    symmetry: Symmetry | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "rest", frozen_array(self.goal.state if self.rest is None else self.rest))
@@ -163,6 +166,13 @@ class OptimalControlProblem:
             raise ValueError(f"{self.id}: longest_substep must be positive and finite, got {self.longest_substep}")
         if self.free is not None:
             self._check_free(self.free)
+        if self.symmetry is not None:
+            sizes = len(self.symmetry.state), len(self.symmetry.control), len(self.symmetry.context)
+            if sizes != (nx, nu, len(self.context)):
+                raise ValueError(
+                    f"{self.id}: expected a symmetry of {nx} states, {nu} controls and {len(self.context)} coordinates "
+                    f"of the context, got {sizes}"
+                )
         if self.rest is not None and self.rest.shape != (nx,):
             raise ValueError(f"{self.id}: rest must have shape ({nx},), got {self.rest.shape}")
 

@@ -21,7 +21,7 @@ import moe_policy
 import ocp_envs
 from moe_policy import baselines, recipes
 from moe_policy.comparison import COLUMNS, Contestant, outcome, run
-from moe_policy.contestants import optimal_planner, shipped, solutions, solve_all, stabiliser, steps, with_margins
+from moe_policy.contestants import optimal_planner, shipped, solutions, solve_all, stabiliser, steps, variants
 from moe_policy.evaluation import time_planner
 from moe_policy.planner import NearestPlanner
 from moe_policy.reporting import comparison_figure, text_table
@@ -107,7 +107,7 @@ def main() -> None:
     row, baseline = run(problem, Contestant("optimal", lambda p: trajectories), parameters, batches=())
     row["planning_seconds"] = planning
     rows, outcomes = [row], [outcome("optimal", baseline, problem)]
-    for contestant in [*contestants, *with_margins(problem, contestants), *stabiliser(problem)]:
+    for contestant in [*contestants, *variants(problem, contestants), *stabiliser(problem)]:
         row, episodes = run(problem, contestant, parameters, optimal=trajectories, baseline=baseline)
         rows.append(row)
         outcomes.append(outcome(contestant.name, episodes, problem))

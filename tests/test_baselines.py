@@ -261,7 +261,12 @@ def test_training_is_reproducible():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"gamma": 1.5}, "gamma"), ({"steps": 0}, "steps"), ({"final_learning_rate": 1.0}, "final_learning_rate"), ({"largest_cost": 0.0}, "largest_cost")],
+    [
+        ({"gamma": 1.5}, "gamma"),
+        ({"steps": 0}, "steps"),
+        ({"final_learning_rate": 1.0}, "final_learning_rate"),
+        ({"largest_cost": 0.0}, "largest_cost"),
+    ],
 )
 def test_settings_out_of_range_are_refused(change, message):
     with pytest.raises(ValueError, match=message):

@@ -7,6 +7,7 @@ import moe_policy
 import ocp_envs
 from moe_policy import contestants
 from moe_policy.margin import WithMargin
+from moe_policy.symmetric import Symmetrised
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 
@@ -23,13 +24,14 @@ def test_only_goals_that_can_be_held_have_a_stabiliser():
     assert contestants.stabiliser(ocp_envs.load("GroundVehicle-v0")) == []
 
 
-def test_networks_once_more_with_a_margin():
+def test_networks_once_more_used_with_care():
     shipped = contestants.shipped(QUADCOPTER_OBSTACLE)
-    careful = contestants.with_margins(QUADCOPTER_OBSTACLE, shipped)
+    careful = contestants.variants(QUADCOPTER_OBSTACLE, shipped)
     networks = [c.name for c in shipped if c.name == "snn" or c.name.startswith("moe-")]
-    assert [c.name for c in careful] == [f"{name}, radius + 0.1" for name in networks]
-    assert all(isinstance(c.actor, WithMargin) for c in careful)
-    assert contestants.with_margins(PENDULUM, contestants.shipped(PENDULUM)) == []
+    ways = {"half turn": Symmetrised, "radius + 0.1": WithMargin}
+    assert [c.name for c in careful] == [f"{name}, {way}" for way in ways for name in networks]
+    assert all(isinstance(c.actor, ways[c.name.split(", ")[1]]) for c in careful)
+    assert contestants.variants(PENDULUM, contestants.shipped(PENDULUM)) == []
 
 
 @pytest.fixture

@@ -37,6 +37,31 @@ def corners_and_more(problem, count=40):
     return np.concatenate([sample(problem, 77, count), [problem.parameters.lower, problem.parameters.upper]])
 
 
+# -- symmetries --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("problem", [p for p in PROBLEMS if p.symmetry is not None], ids=name_of)
+def test_a_declared_symmetry_is_one(problem):
+    rng, symmetry = np.random.default_rng(0), problem.symmetry
+
+    def draw(box):
+        return box.lower + rng.random((200, len(box))) * (box.upper - box.lower)
+
+    x, u, s = draw(problem.system.state), draw(problem.system.control), draw(problem.context)
+    images = symmetry.states(x), symmetry.controls(u), symmetry.contexts(s)
+    (derivative, rate), (image_derivative, image_rate) = (problem.batch_rate()(*each) for each in ((x, u, s), images))
+    np.testing.assert_allclose(image_derivative, symmetry.states(derivative), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(image_rate, rate, rtol=1e-12)
+    if problem.n_clearances:
+        (clearance,), (image_clearance,) = (problem.batch_clearances()(a, b) for a, b in ((x, s), images[::2]))
+        np.testing.assert_allclose(image_clearance, clearance, atol=1e-9)
+    for box, values in zip((problem.system.state, problem.system.control, problem.context), images):
+        assert box.contains(values, 1e-9).all()
+    np.testing.assert_allclose(symmetry.states(problem.goal.state), problem.goal.state, atol=1e-12)
+    np.testing.assert_allclose(symmetry.controls(problem.goal.control), problem.goal.control, atol=1e-12)
+    assert not np.allclose(images[0], x)
+
+
 # -- environments ------------------------------------------------------------------------------------------------------
 
 

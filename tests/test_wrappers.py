@@ -227,6 +227,18 @@ def test_shaping_telescopes_and_scales():
     np.testing.assert_allclose(total, 0.5 * (-cost - 4.0 * last + 4.0 * first), rtol=1e-6)
 
 
+def test_distance_has_its_price():
+    rewards = []
+    for price in (0.0, 3.0):
+        envs = gym.make_vec(ENV_ID, num_envs=2, vectorization_mode="vector_entry_point", autoreset_mode="Disabled")
+        priced = VectorShapedReward(envs, scale=0.5, weight=0.0, gamma=0.99, distance_price=price)
+        priced.reset(options={"parameters": np.array([[0.5, 0.0], [3.0, 1.0]])})
+        rewards.append(priced.step(np.zeros((2, 1)))[1])
+        base = envs.unwrapped
+        distance = base.problem.goal_error(base.state)
+    np.testing.assert_allclose(rewards[0] - rewards[1], 0.5 * 3.0 * base.dt * distance)
+
+
 def test_what_one_step_costs_the_learner_can_be_bounded():
     """A pendulum that leaves its box is charged for the rest of the episode; the learner only for as much as is set."""
     rewards = {}

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 
 from ocp_envs.picture import Ball, Face, Line, Picture, Shape, disc
 from ocp_envs.problem import Goal, Modes, OptimalControlProblem
+from ocp_envs.symmetry import Symmetry
 from ocp_envs.system import Array, Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory
 
@@ -149,6 +150,16 @@ START = tuple(Coordinate(n, -10.0, 10.0, "m") for n in ("x", "y", "z"))
 DRAWN_SCALE = 8.0
 
 
+def half_turn(context: Sequence[float] = ()) -> Symmetry:
+    """The half turn of the world about the vertical, with the body turned back: rotors 1 and 3 change places, 2 and 4.
+
+    ``context``: the diagonal of its map of the context. Other turns are no symmetry: they mix roll and pitch, whose
+    order matters. Mirror images are none either: they turn the other way what the rotors' drag turns.
+    """
+    over = (-1.0, -1.0, 1.0)
+    return Symmetry("half turn", np.array(over * 4), np.eye(4)[[2, 3, 0, 1]], np.array(context))
+
+
 def attitude(state: Array) -> Array:
     """Rotation (3, 3) from the body's axes to the world's, R_z(ψ) R_x(φ) R_y(θ); thrust acts along its third column."""
     (s_phi, s_theta, s_psi), (c_phi, c_theta, c_psi) = np.sin(state[6:9]), np.cos(state[6:9])
@@ -197,6 +208,7 @@ QUADCOPTER = OptimalControlProblem(
     time_limit=20.0,
     longest_substep=LONGEST_SUBSTEP,
     picture=PICTURE,
+    symmetry=half_turn(),
 )
 
 QUADCOPTER_OBSTACLE = OptimalControlProblem(
@@ -222,4 +234,5 @@ QUADCOPTER_OBSTACLE = OptimalControlProblem(
     modes=SIDES,
     free=QUADCOPTER,
     picture=PICTURE,
+    symmetry=half_turn((-1.0, -1.0, 1.0, 1.0)),
 )
