@@ -9,7 +9,8 @@ best actor is kept, by
     score = mean over the development parameters of  cost where the episode succeeds,
                                                       the largest cost rate × time limit where it fails,
 
-which is what the environment charges for leaving its box at once. Lower is better.
+which is what the environment charges for leaving its box at once. Lower is better. Among actors without any success
+the one with the highest mean return is kept.
 
 Only :func:`train` needs Stable-Baselines3; its settings are in :mod:`moe_policy.learners`, running a policy is in
 :mod:`moe_policy.actor`.
@@ -76,6 +77,7 @@ class Evaluation:
             goal ball, up to the time limit where that is not entered, and with what leaving the box costs. ``None`` in
             records from before it was kept.
         violation: mean of the largest violation of the path constraints on the path; ``None`` without any.
+        final_error: median of ‖x − goal‖ at the judgement, or where the episode left the box; ``None`` as above.
     """
 
     steps: int
@@ -87,6 +89,13 @@ class Evaluation:
     cost_ratio: float | None = None
     mean_return: float | None = None
     violation: float | None = None
+    final_error: float | None = None
+
+    def better_than(self, other: Evaluation) -> bool:
+        """By score; by return where the scores are equal."""
+        least = float("-inf")
+        returns = [least if e.mean_return is None else e.mean_return for e in (self, other)]
+        return (self.score, -returns[0]) < (other.score, -returns[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +180,7 @@ def figures_of(
         "cost_ratio": ratio,
         "mean_return": -float(episodes.cost.mean()),
         "violation": float(episodes.violation.mean()) if problem.n_clearances else None,
+        "final_error": float(np.median(episodes.final_error)),
     }
 
 
@@ -242,7 +252,7 @@ def train(
         facts = {**(details or {}), "steps": learner.num_timesteps, "settings": asdict(settings)}
         policy = LearnedPolicy(problem, actor, period=settings.period, algorithm=settings.algorithm, details=facts)
         evaluation = judge(policy, learner.num_timesteps, started)
-        if run is None or evaluation.score < run.best.score:
+        if run is None or evaluation.better_than(run.best):
             return TrainingRun(settings, policy, evaluation, (*(run.curve if run else ()), evaluation))
         return replace(run, curve=(*run.curve, evaluation))
 

@@ -177,6 +177,7 @@ def main() -> None:
     parser.add_argument("--cases-from", default="fresh", help="the set they are taken from, such as training")
     parser.add_argument("--starts", type=int, default=60, help="guesses of the search for every winding")
     parser.add_argument("--tolerance", type=float, default=TOLERANCE, help="relative excess that counts")
+    parser.add_argument("--ways", nargs="+", help="ways that are compared, such as stored; all by default")
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes of the search")
     parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
     parser.add_argument("--output", type=Path, help="results/data_quality_<env-id>.json by default")
@@ -201,10 +202,12 @@ def main() -> None:
         ways = {"stored": lambda: stored} | ways
     elif "training" in databases:
         ways["warm starts"] = lambda: SolverPlanner(problem, databases["training"]).best(cases)[1]
+    if unknown := sorted(set(arguments.ways or ()) - set(ways)):
+        parser.error(f"--ways: no {unknown}; there are {sorted(ways)}")
     results = {}
-    for name, way in ways.items():
+    for name in arguments.ways or ways:
         began = time.perf_counter()
-        results[name] = compare(way(), costs, cases, targets, arguments.tolerance) | {
+        results[name] = compare(ways[name](), costs, cases, targets, arguments.tolerance) | {
             "seconds": time.perf_counter() - began
         }
         excess = f"{results[name]['worse']} of {len(cases)} cases more than {arguments.tolerance:.1%}"

@@ -14,6 +14,7 @@ from typing import Any
 
 from moe_policy.comparison import COLUMNS, TRAINING_COLUMNS
 from moe_policy.reporting import Column, markdown_table
+from moe_policy.split_report import SPLIT_COLUMNS
 from moe_policy.summary import OVERVIEW_COLUMNS, summary_columns
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,6 +26,8 @@ def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
         return summary_columns(record)
     if name == "table_overview":
         return OVERVIEW_COLUMNS
+    if name.startswith("compare_splits"):
+        return SPLIT_COLUMNS
     return TRAINING_COLUMNS if name.startswith(("compare_training", "table_training")) else COLUMNS
 
 

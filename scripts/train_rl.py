@@ -99,7 +99,8 @@ def main() -> None:
         bar.update(last.steps - bar.n)
         cost = "-" if last.cost is None else f"{last.cost:.3f}"
         bar.write(
-            f"{last.steps:9d} steps {last.seconds:6.0f} s  success {last.success} cost {cost} score {last.score:.3f}"
+            f"{last.steps:9d} steps {last.seconds:6.0f} s  success {last.success} cost {cost} "
+            f"score {last.score:.3f} return {last.mean_return:.1f} final error {last.final_error:.3g}"
         )
         run.policy.save(arguments.checkpoints / name)
         if arguments.trial:

@@ -185,6 +185,7 @@ def test_training_reports_and_keeps_the_best(settings):
     assert [e.steps for e in run.curve] == [settings.evaluate_every, 2 * settings.evaluate_every]
     assert [len(r.curve) for r in reports] == [1, 2]
     assert run.best.score == min(e.score for e in run.curve)
+    assert not any(evaluation.better_than(run.best) for evaluation in run.curve)
     assert run.policy.details["steps"] == run.best.steps
     record = json.loads(json.dumps(run.record(), allow_nan=False))
     assert record["settings"]["steps"] == settings.steps
@@ -218,6 +219,7 @@ def test_figures_of_episodes_add_up():
         "cost_ratio": 6.0 / 5.0,
         "mean_return": -47.0 / 4,
         "violation": None,
+        "final_error": float(np.median(episodes.final_error)),
     }
     none = figures_of(PENDULUM, dataclasses.replace(episodes, success=np.zeros(4, bool)), np.ones(4))
     assert (none["cost"], none["cost_ratio"]) == (None, None)
