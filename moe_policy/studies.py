@@ -172,7 +172,7 @@ _VEHICLE = Study(
 #: A quadcopter tumbles at once under the noise that parking wants, and under a learner's noise the goal ball of twelve
 #: states is never entered: the learner pays for its distance and is to hover at the goal, which the hold takes over.
 _FLYING = PPOSettings(
-    steps=6_000_000,
+    steps=3_000_000,
     period=0.04,
     gamma=0.99,
     n_envs=256,
@@ -182,9 +182,9 @@ _FLYING = PPOSettings(
     n_epochs=8,
     learning_rate=1e-3,
     log_std=-3.0,
-    reward_scale=5e-3,
-    largest_cost=3000.0,
-    distance_price=20.0,
+    reward_scale=1e-3,
+    largest_cost=10_000.0,
+    distance_price=100.0,
     near_starts=0.7,
     evaluate_every=500_000,
 )
@@ -216,7 +216,7 @@ _OBSTACLE = Study(
     sizes={10_000: 300, 30_000: 170},
     sized=("snn", "moe-custom"),
     fewer_seeds=1,
-    learners={"ppo": replace(_FLYING, violation_price=100.0)},
+    learners={"ppo": replace(_FLYING, violation_price=500.0)},
     stored=2_000,
     lookaround=2,
     problems=100_000,
