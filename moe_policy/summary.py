@@ -235,9 +235,10 @@ def overview_rows(records: Mapping[str, Record]) -> list[Record]:
             measures.insert(0, ("mean violation, m", lambda row: _three(row.get("knot_violation_mean"))))
         if all(row["success"] == row["success_at_plan_end"] for row in chosen.values() if row["success_at_plan_end"]):
             del measures[-2]  # a goal that cannot be held: the two are one
+        named = False
         for i, (measure, text) in enumerate(measures):
             cells: Record = {who: text(row) for who, row in chosen.items()}
-            if i == 0 and "RL" in chosen and cells["RL"]:
-                cells["RL"] = f"{cells['RL']} ({chosen['RL']['name']})"
+            if not named and cells.get("RL"):
+                named, cells["RL"] = True, f"{cells['RL']} ({chosen['RL']['name']})"
             rows.append({"problem": env_id if i == 0 else "", "measure": measure} | cells)
     return rows
