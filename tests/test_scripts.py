@@ -154,7 +154,7 @@ def test_compare_with_the_shipped_models(script, run, tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     record = read(tmp_path / names[0])
     rows = {row["name"]: row for row in record["rows"]}
-    assert set(rows) == {"optimal", *COMPARED, "stabiliser"}
+    assert set(rows) == {"optimal", *COMPARED, "ppo", "stabiliser"}
     assert all(row["success"]["total"] == record["cases"] == 20 for row in rows.values())
     assert rows["optimal"]["success"]["count"] == 20
     assert rows["moe-custom"]["success"]["count"] >= 19
