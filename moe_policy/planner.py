@@ -116,10 +116,6 @@ class NetworkPlanner:
         assert self._mixture
         return dataclasses.replace(self, mixing=mixing)
 
-    def renamed(self, name: str) -> NetworkPlanner:
-        """The same planner under another name."""
-        return dataclasses.replace(self, name=name)
-
     # -- size ------------------------------------------------------------------------------------------------------
 
     @property
