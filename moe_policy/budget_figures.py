@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from moe_policy.curves import band, over_seeds
-from moe_policy.reporting import COLORS, save_figure
+from moe_policy.reporting import looks, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -85,8 +85,9 @@ def _has(record: Record, key: str) -> bool:
 
 def _styles(record: Record) -> dict[str, tuple[str, str]]:
     """Colour and marker of everybody."""
-    names = [*record["learners"], *dict.fromkeys(row["name"] for row in (*record["planners"], *record["shipped"]))]
-    return {name: (COLORS[i % 6], _MARKERS[i % len(_MARKERS)]) for i, name in enumerate(names)}
+    planners = dict.fromkeys(row["name"] for row in (*record["planners"], *record["shipped"]))
+    found = looks(["optimal", "nearest", *planners, *record["learners"]])  # the colours of the comparison
+    return {name: (look["color"], _MARKERS[i % len(_MARKERS)]) for i, (name, look) in enumerate(found.items())}
 
 
 def _factor(key: str) -> float:

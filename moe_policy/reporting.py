@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +40,7 @@ STYLE: dict[str, Any] = {
 }
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
 _CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
+_LINES = ("-", "--", ":", "-.")
 
 
 def cluster_color(cluster: int) -> str:
@@ -123,6 +124,22 @@ def text_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> 
 # -- figures -----------------------------------------------------------------------------------------------------------
 
 
+def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Colour and line of everybody in a figure, for matplotlib: variants of one policy share its colour.
+
+    Args:
+        names: as in the tables, where a variant has the name of its policy before a comma, as in ``"snn, half turn"``.
+    """
+    variants: dict[str, int] = {}  # of each policy, so far
+    found: dict[str, dict[str, Any]] = {}
+    for name in dict.fromkeys(names):
+        policy = name.split(", ")[0]
+        nth = variants[policy] = variants.get(policy, -1) + 1
+        color = COLORS[list(variants).index(policy) % len(COLORS)]
+        found[name] = {"color": color, "linestyle": _LINES[nth % len(_LINES)]}
+    return found
+
+
 #: Formats of figures, and what is left out of their files so that equal figures are equal files.
 _METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
 
@@ -178,8 +195,9 @@ class Outcome:
 
 def draw_success(axes: Axes, outcomes: Sequence[Outcome]) -> None:
     """Share of successes of each policy with its 95 % interval; open marks: at the plan's end, without the hold."""
+    styles = looks(outcome.name for outcome in outcomes)
     for i, outcome in enumerate(outcomes):
-        color = COLORS[i % len(COLORS)]
+        color = styles[outcome.name]["color"]
         marks = ((outcome.success, -0.12, color), (outcome.success_at_plan_end, 0.12, "white"))
         for value, shift, face in marks:
             if value is None:
@@ -195,15 +213,14 @@ def draw_success(axes: Axes, outcomes: Sequence[Outcome]) -> None:
 
 def draw_errors(axes: Axes, outcomes: Sequence[Outcome], radius: float) -> None:
     """Distribution of the error at the plan's end; the dashed line is the goal's ``radius``."""
-    for i, outcome in enumerate(outcomes):
+    styles = looks(outcome.name for outcome in outcomes)
+    for outcome in outcomes:
         if outcome.errors is None:
             continue
         errors = np.sort(outcome.errors[np.isfinite(outcome.errors)])
         if len(errors):
             percent = 100 * np.arange(1, len(errors) + 1) / len(errors)
-            axes.step(
-                np.maximum(errors, 1e-9), percent, where="post", color=COLORS[i % len(COLORS)], label=outcome.name
-            )
+            axes.step(np.maximum(errors, 1e-9), percent, where="post", label=outcome.name, **styles[outcome.name])
     axes.axvline(radius, color="black", linestyle="--", linewidth=0.8, label="goal ball")
     axes.set_xscale("log")
     axes.set_ylim(0, 101)

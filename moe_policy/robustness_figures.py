@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moe_policy.reporting import COLORS, save_figure
+from moe_policy.reporting import looks, save_figure
 from moe_policy.robustness import Perturbation
 
 if TYPE_CHECKING:
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 COLUMNS = 3
-_MARKERS = "osD"
 #: Levels from 0 whose largest is more than so many times their smallest are drawn on a logarithmic axis.
 _WIDE = 15
 
@@ -47,6 +46,7 @@ def robustness_figure(
                 if perturbation.levels[0] == 0 and perturbation.levels[-1] > _WIDE * perturbation.levels[1]:
                     axes.set_xscale("symlog", linthresh=perturbation.levels[1])
                     axes.xaxis.set_major_formatter("{x:g}")
+                    axes.set_xlim(left=0)
                 axes.set_xlabel(f"{perturbation.label}, {perturbation.unit}")
             for axes in block[::COLUMNS]:
                 axes.set_ylabel("success, %" if metric == "success" else "mean violation, m")
@@ -61,10 +61,10 @@ def robustness_figure(
 
 def draw_curves(axes: Axes, rows: Sequence[Record], names: Sequence[str], metric: str) -> None:
     """``metric`` of each of ``names`` against the level; ``rows`` are those of one perturbation."""
-    for i, name in enumerate(names):
+    for name, look in looks(names).items():
         points = [row for row in rows if row["name"] == name]
-        style: dict[str, Any] = {"color": COLORS[i % len(COLORS)], "linewidth": 1.2}
-        mark = {"marker": _MARKERS[i // len(COLORS) % len(_MARKERS)], "markersize": 2.5, "label": name}
+        style: dict[str, Any] = {"color": look["color"], "linewidth": 1.2}
+        mark = {"marker": "o", "markersize": 2.5, "label": name}
         levels = [row["level"] for row in points]
         if metric != "success":
             axes.plot(levels, [row[metric] for row in points], **style, **mark)

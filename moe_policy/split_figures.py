@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moe_policy.reporting import COLORS, save_figure
+from moe_policy.reporting import looks, save_figure
 from moe_policy.split_report import SPLITS, metrics_of
 from ocp_envs.problem import OptimalControlProblem
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 _MARKERS = dict(zip(SPLITS, "oDs"))
-_LINES = ("-", "--")
 _GAP = "(second best − best) / best cost of the modes"
 _OFF_CENTRE = "distance of the free path from the centre, radii"
 
@@ -39,10 +38,7 @@ def splits_figure(path: str | os.PathLike[str], problem: OptimalControlProblem, 
     """
     labels, jump = metrics_of(problem), record.get("curves") is not None
     names = [row["name"] for row in record["rows"]]
-    styles = {
-        name: {"color": COLORS[i % len(COLORS)], "linestyle": _LINES[i // len(COLORS) % len(_LINES)]}
-        for i, name in enumerate(names)
-    }
+    styles = looks(names)
 
     def draw(figure: Figure) -> None:
         panels: Any = figure.subplots(len(labels), 1 + jump, squeeze=False)

@@ -1,4 +1,4 @@
-"""Write the tables of README.md from the records in ``results/``; ``--check`` only tells whether they agree.
+"""Write the tables of the pages from the records in ``results/``; ``--check`` only tells whether they agree.
 
 A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made from ``results/NAME.json``.
 """
@@ -18,6 +18,7 @@ from moe_policy.split_report import SPLIT_COLUMNS
 from moe_policy.summary import OVERVIEW_COLUMNS, summary_columns
 
 ROOT = Path(__file__).resolve().parents[1]
+PAGES = ("README.md", "results/README.md")
 BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
@@ -41,15 +42,16 @@ def render(text: str) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 if README differs")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 if a page differs")
     arguments = parser.parse_args()
-    path = ROOT / "README.md"
-    old = path.read_text()
-    new = render(old)
-    if arguments.check:
-        return int(old != new)
-    path.write_text(new)
-    return 0
+    differ = False
+    for path in (ROOT / page for page in PAGES):
+        old = path.read_text()
+        new = render(old)
+        differ |= old != new
+        if not arguments.check:
+            path.write_text(new)
+    return int(arguments.check and differ)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""README tells the truth: its tables, links, code and tree."""
+"""README and the page of results tell the truth: tables, links, code and tree."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from pathlib import Path, PurePosixPath
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
 PACKAGES = ("ocp_envs", "moe_policy")
 TABLE = re.compile(r"<!-- table: (\S+) -->\n(.*?)<!-- end -->", re.DOTALL)
 PYTHON = re.compile(r"(<!-- run -->\n)?```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
@@ -30,19 +29,27 @@ def _script(name):
     return module
 
 
+PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in _script("render_readme").PAGES}
+README = PAGES["README.md"]
+
+
 # -- tables ------------------------------------------------------------------------------------------------------------
 
 
-def test_every_table_is_marked_at_both_ends():
-    assert TABLE.findall(README), "README has no block between <!-- table: NAME --> and <!-- end -->"
-    assert README.count("<!-- table:") == README.count("<!-- end -->") == len(TABLE.findall(README))
+@pytest.mark.parametrize("page", PAGES)
+def test_every_table_is_marked_at_both_ends(page):
+    text = PAGES[page]
+    assert TABLE.findall(text), f"{page} has no block between <!-- table: NAME --> and <!-- end -->"
+    assert text.count("<!-- table:") == text.count("<!-- end -->") == len(TABLE.findall(text))
 
 
-@pytest.mark.parametrize("name", [name for name, _ in TABLE.findall(README)])
-def test_tables_are_those_of_the_records(name):
+@pytest.mark.parametrize(
+    ("page", "name"), [(page, name) for page, text in PAGES.items() for name, _ in TABLE.findall(text)]
+)
+def test_tables_are_those_of_the_records(page, name):
     record = ROOT / "results" / f"{name}.json"
-    assert record.exists(), f"README has a table of results/{name}.json, which does not exist"
-    block = next(found[0] for found in TABLE.finditer(README) if found[1] == name)
+    assert record.exists(), f"{page} has a table of results/{name}.json, which does not exist"
+    block = next(found[0] for found in TABLE.finditer(PAGES[page]) if found[1] == name)
     assert _script("render_readme").render(block) == block, "run python scripts/render_readme.py"
 
 
@@ -50,18 +57,28 @@ def test_tables_are_those_of_the_records(name):
 
 
 def _targets():
-    return sorted({target.partition("#")[0] for target in LINK.findall(README)} - {""})
+    return sorted({(page, target) for page, text in PAGES.items() for target in LINK.findall(text)})
 
 
-@pytest.mark.parametrize("target", [t for t in _targets() if not re.match(r"[a-z]+:", t)])
-def test_links_lead_somewhere(target):
-    assert not PurePosixPath(target).is_absolute()
-    assert (ROOT / target).exists(), f"README links to {target}"
+def _anchors(text):
+    """The anchors that a page's headings get."""
+    titles = re.findall(r"^#+ (.+)$", re.sub(r"^```.*?^```$", "", text, flags=re.DOTALL | re.MULTILINE), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-def test_paths_in_the_text_exist():
+@pytest.mark.parametrize(("page", "target"), [pair for pair in _targets() if not re.match(r"[a-z]+:", pair[1])])
+def test_links_lead_somewhere(page, target):
+    path, _, anchor = target.partition("#")
+    assert not PurePosixPath(path).is_absolute()
+    there = ROOT / page if not path else (ROOT / page).parent / path
+    assert there.exists(), f"{page} links to {target}"
+    assert not anchor or anchor in _anchors(there.read_text(encoding="utf-8")), f"{page} links to {target}"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_paths_in_the_text_exist(page):
     named = set()
-    for path, placeholder in PATH.findall(README):
+    for path, placeholder in PATH.findall(PAGES[page]):
         named.add(path.rpartition("/")[0] if placeholder else path.rstrip("."))
     assert named
     assert not sorted(path for path in named if not (ROOT / path).exists())
@@ -71,8 +88,9 @@ def test_paths_in_the_text_exist():
 
 
 def test_all_code_is_python():
-    for _, code in PYTHON.findall(README):
-        ast.parse(code)
+    for text in PAGES.values():
+        for _, code in PYTHON.findall(text):
+            ast.parse(code)
 
 
 def test_marked_code_runs(tmp_path):

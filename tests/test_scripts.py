@@ -312,6 +312,7 @@ def test_the_summary_stands_beside_the_paper(script, run, tmp_path):
 def test_render_readme(script, run, monkeypatch, tmp_path):
     module = script("render_readme")
     monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "PAGES", ("README.md",))
     path = tmp_path / "README.md"
     path.write_text("before\n<!-- table: compare_X -->\nold\n<!-- end -->\nafter\n")
     (tmp_path / "results").mkdir()
