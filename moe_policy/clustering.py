@@ -9,7 +9,6 @@ The partition is made of solutions, not of parameters: the jumps one wants to fi
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -22,6 +21,7 @@ from sklearn.decomposition import PCA
 
 from moe_policy.scaling import Array, Standardizer, blocks
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.suggestions import did_you_mean
 from ocp_envs.trajectory import Trajectory
 
 METHODS = ("custom", "kmeans", "kmeans-pca")
@@ -140,8 +140,7 @@ def cluster(
         ValueError: an unknown method, or arguments that do not belong to it.
     """
     if method not in METHODS:
-        nearest = difflib.get_close_matches(str(method), METHODS, n=1)
-        hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+        hint = did_you_mean(method, METHODS)
         raise ValueError(f"unknown clustering method {method!r}; {hint}known are {list(METHODS)}")
     if (method != "kmeans-pca") != (components is None):
         raise ValueError(f"'components' is needed by 'kmeans-pca' and by nothing else; got {method!r} and {components}")

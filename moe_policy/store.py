@@ -6,7 +6,6 @@ the SHA-256 of the tensor file, so that a damaged file or a pair of files from t
 
 from __future__ import annotations
 
-import difflib
 import hashlib
 import importlib
 import json
@@ -26,6 +25,7 @@ from ocp_envs import problems
 from ocp_envs.files import replacing
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.records import provenance, write_json
+from ocp_envs.suggestions import did_you_mean
 
 FORMAT = "ocp-moe model"
 VERSION = 1
@@ -191,9 +191,7 @@ def load(env_id: str, name: str) -> Any:
     """
     names = available(env_id)
     if name not in names:
-        nearest = difflib.get_close_matches(str(name), names, n=1, cutoff=0.3)
-        hint = f"did you mean {nearest[0]!r}? " if nearest else ""
-        raise UnknownModelError(f"{env_id} has no model {name!r}; {hint}there are {names}")
+        raise UnknownModelError(f"{env_id} has no model {name!r}; {did_you_mean(name, names)}there are {names}")
     problem = problems.load(env_id)
     if name in ALWAYS:
         return _resolve(ALWAYS[name])(problem)

@@ -135,15 +135,16 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         """Start an episode; see the class for ``options``.
 
         Raises:
-            ValueError: parameters of another shape, not finite, or outside the box without ``extrapolate``.
+            ValueError: an unknown option, or parameters of another shape, not finite, or outside the box without
+                ``extrapolate``.
         """
         super().reset(seed=seed)
-        options = options or {}
-        given = options.get("parameters")
+        known = self.settings.check_options(options)
+        given = known.get("parameters")
         if given is None:
             p = self.settings.draw_parameters(self.np_random)[None]
         else:
-            p = self.settings.check_start(given, options)
+            p = self.settings.check_start(given, known)
         if len(p) != 1:
             raise ValueError(f"{self.problem.id}: expected the parameters of one episode, got {len(p)} rows")
         states, contexts = self.problem.start(p)

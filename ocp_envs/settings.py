@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError, load
 from ocp_envs.simulation import Simulator, largest_cost_rate
+from ocp_envs.suggestions import did_you_mean
 from ocp_envs.system import Array, frozen_array
 from ocp_envs.tables import starts
 
@@ -125,6 +126,17 @@ class Settings:
             return np.array(table[generator.integers(len(table))])
         box = self.problem.parameters
         return box.lower + generator.random(len(box)) * (box.upper - box.lower)
+
+    def check_options(self, options: Mapping[str, Any] | None, *more: str) -> Mapping[str, Any]:
+        """``options`` of a reset, which knows ``parameters``, ``extrapolate`` and ``more``, and refuses the rest."""
+        known = ("parameters", "extrapolate", *more)
+        for name in options or {}:
+            if name not in known:
+                hint = did_you_mean(name, known)
+                raise ValueError(
+                    f"{self.problem.id}: unknown option {name!r} of reset(); {hint}known are {list(known)}"
+                )
+        return options or {}
 
     def check_start(self, parameters: ArrayLike, options: Mapping[str, Any]) -> Array:
         """Parameters (B, np) of ``options`` whose start states lie in the operating box."""

@@ -5,7 +5,6 @@ The seeds of all sets of a problem differ, so that no two share a parameter.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from ocp_envs.generation import DEFAULT, GenerationSettings
 from ocp_envs.hard_sets import AROUND, HardSet, NearCentre, NearJump, OutsideBox
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sampling import grid, sample
+from ocp_envs.suggestions import did_you_mean
 from ocp_envs.system import Array
 
 #: Development and validation sets carry the reference costs, so they get random guesses beside the warm starts.
@@ -101,9 +101,7 @@ def split_of(problem: OptimalControlProblem, name: str) -> Split:
 
 
 def _no_such(kind: str, name: str, names: Iterable[str], problem: OptimalControlProblem) -> str:
-    nearest = difflib.get_close_matches(name, names, n=1, cutoff=0.3)
-    hint = f"did you mean {nearest[0]!r}? " if nearest else ""
-    return f"{problem.id} has no {kind} {name!r}; {hint}there are {sorted(names)}"
+    return f"{problem.id} has no {kind} {name!r}; {did_you_mean(name, names)}there are {sorted(names)}"
 
 
 # -- hard sets ---------------------------------------------------------------------------------------------------------

@@ -157,13 +157,14 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             options: ``parameters``, ``extrapolate`` and ``reset_mask``.
 
         Raises:
-            ValueError: parameters of another shape, not finite, or outside the box without ``extrapolate``.
+            ValueError: an unknown option, or parameters of another shape, not finite, or outside the box without
+                ``extrapolate``.
         """
-        options = options or {}
-        rows = self._rows(options)
-        given = options.get("parameters")
+        known = self.settings.check_options(options, "reset_mask")
+        rows = self._rows(known)
+        given = known.get("parameters")
         if given is not None:
-            given = self.settings.check_start(given, options)
+            given = self.settings.check_start(given, known)
             if len(given) not in (1, self.num_envs):
                 raise ValueError(
                     f"{self.problem.id}: expected parameters of 1 or {self.num_envs} rows, got {len(given)}"

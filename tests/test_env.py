@@ -184,6 +184,11 @@ def test_refuses_bad_parameters(parameters, error, match):
         Env(PENDULUM).reset(options={"parameters": parameters})
 
 
+def test_refuses_mistyped_options():
+    with pytest.raises(ValueError, match=r"unknown option 'params' of reset.* did you mean 'parameters'"):
+        Env(PENDULUM).reset(options={"params": [0.0, 0.0]})
+
+
 def test_extrapolates_only_within_the_operating_box():
     env = Env(PENDULUM)
     env.reset(options={"parameters": [7.0, 0.0], "extrapolate": True})

@@ -20,6 +20,7 @@ ORDER = (
     "ocp_envs.picture",
     "ocp_envs.symmetry",
     "ocp_envs.problem",
+    "ocp_envs.suggestions",
     "ocp_envs.problems.pendulum",
     "ocp_envs.problems.vehicle",
     "ocp_envs.problems.quadcopter",

@@ -7,6 +7,7 @@ from moe_policy.reporting import (
     Outcome,
     comparison_figure,
     duration,
+    looks,
     markdown_table,
     save_figure,
     share,
@@ -54,6 +55,17 @@ def test_text_is_aligned():
 )
 def test_durations(seconds, text):
     assert duration(seconds) == text
+
+
+def test_variants_share_the_colour_of_their_policy():
+    names = ["optimal", "snn", "moe-custom", "snn, half turn", "snn, radius + 0.1", "moe-custom, half turn"]
+    found = looks([*names, "snn"])
+    assert list(found) == names
+    colors = [found[name]["color"] for name in names]
+    assert len(set(colors)) == 3
+    assert colors[1] == colors[3] == colors[4]
+    assert colors[2] == colors[5]
+    assert len({tuple(look.values()) for look in found.values()}) == len(names)
 
 
 def test_comparison_figure_is_a_png(tmp_path):

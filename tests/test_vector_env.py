@@ -192,6 +192,7 @@ def test_seeds_may_be_given_row_by_row_and_unseeded_rows_differ():
         ({"parameters": np.zeros((2, 2))}, ValueError, "1 or 3 rows, got 2"),
         ({"parameters": np.full((3, 2), np.nan)}, ValueError, "finite"),
         ({"parameters": [-1.0, 0.0]}, OutsideBoxError, "extrapolate=True"),
+        ({"parameter": [0.0, 0.0]}, ValueError, r"unknown option 'parameter' .* did you mean 'parameters'"),
         ({"reset_mask": np.array([1, 0, 1])}, ValueError, "boolean array"),
         ({"reset_mask": np.zeros(3, bool)}, ValueError, "at least one True"),
         ({"reset_mask": np.array([True, False, True])}, ResetNeeded, "first reset"),

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
-
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE
+from ocp_envs.suggestions import did_you_mean
 
 BENCHMARK: tuple[OptimalControlProblem, ...] = (PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE)
 _catalogue: dict[str, OptimalControlProblem] = {problem.id: problem for problem in BENCHMARK}
@@ -29,10 +28,9 @@ def load(name: str) -> OptimalControlProblem:
     try:
         return _catalogue[name]
     except KeyError:
-        nearest = difflib.get_close_matches(str(name), _catalogue, n=1, cutoff=0.3)
-        hint = f"did you mean {nearest[0]!r}? " if nearest else ""
         raise UnknownProblemError(
-            f"unknown problem {name!r}; {hint}known are {sorted(_catalogue)}; add yours with ocp_envs.register(problem)"
+            f"unknown problem {name!r}; {did_you_mean(name, _catalogue)}known are {sorted(_catalogue)}; "
+            "add yours with ocp_envs.register(problem)"
         ) from None
 
 
