@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from moe_policy.comparison import Contestant
 from moe_policy.policy import Planner
+from moe_policy.reporting import ABSENT, Column, duration
 from moe_policy.rollout import environments
 from moe_policy.scaling import Array
 from moe_policy.tracking import TrackingPolicy
@@ -22,6 +23,8 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solver import GuardedSolver
 from ocp_envs.trajectory import Trajectory
 
+#: Plans of a call. The solver takes its time over the large one.
+BATCHES = (1, 1000)
 #: Problems that one way of starting the solver gets before it is the next one's turn.
 TURN = 10
 #: A solution costs no more than this above the best known one to be it, relatively.
@@ -31,7 +34,7 @@ Start = Callable[[Array], tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]
 
 
 def planner_rows(
-    planners: Mapping[str, Planner], p: Array, batches: Sequence[int] = (1, 1000), turns: int = 3, calls: int = 20
+    planners: Mapping[str, Planner], p: Array, batches: Sequence[int], turns: int = 3, calls: int = 20
 ) -> list[dict[str, Any]]:
     """Seconds a plan of each planner, for each size of batch: the median over its calls.
 
@@ -189,3 +192,40 @@ def step_rows(
         | {"step_share_of_period": float(np.median(own["step"])) / dt}
         for name, own in taken.items()
     ]
+
+
+# -- tables ------------------------------------------------------------------------------------------------------------
+
+
+def planning_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Planners and policies of a record of scripts/benchmark_planning.py, a row each: a plan, and a control step."""
+    rows: dict[str, dict[str, Any]] = {}
+    for row in (*record["planners"], *record["steps"]):
+        rows[row["name"]] = rows.get(row["name"], {}) | row
+    return list(rows.values())
+
+
+def _at(batch: int, form: Callable[[Any], str]) -> Callable[[Mapping[str, Any]], str]:
+    return lambda by_batch: form(by_batch[str(batch)]) if str(batch) in by_batch else ABSENT
+
+
+PLANNING_COLUMNS = (
+    Column("name", "policy"),
+    *(Column("seconds", f"a plan, batch of {batch:,}", _at(batch, duration)) for batch in BATCHES),
+    *(Column("ratio", f"solver's time / its, {batch:,}", _at(batch, "{:,.3g}".format)) for batch in BATCHES),
+    Column("regulators_seconds", "regulators", duration),
+    Column("step_seconds", "a control step", duration),
+    Column("step_share_of_period", "share of the period", ".2%"),
+)
+SOLVER_COLUMNS = (
+    Column("name", "started from"),
+    Column("solves", "solves", "d"),
+    Column("verified", "verified", "d"),
+    Column("hung", "hung", "d"),
+    Column("problems", "problems", "d"),
+    Column("best_known", "at the best known cost", "d"),
+    Column("iterations_median", "iterations", ".0f"),
+    Column("milliseconds_median", "ms a solve", ".2f"),
+    Column("seconds_per_problem", "a problem", duration),
+    Column("ratio", "cold time / its time", ".2f"),
+)

@@ -21,34 +21,24 @@ import torch
 
 import ocp_envs
 from moe_policy.contestants import optimal_planner, shipped, stabiliser
-from moe_policy.latency import cold, planner_rows, solver_rows, step_rows, warm
-from moe_policy.reporting import Column, duration, text_table
+from moe_policy.latency import (
+    BATCHES,
+    PLANNING_COLUMNS,
+    SOLVER_COLUMNS,
+    cold,
+    planner_rows,
+    planning_rows,
+    solver_rows,
+    step_rows,
+    warm,
+)
+from moe_policy.reporting import text_table
 from ocp_envs import reference
 from ocp_envs.records import provenance, write_json
 from ocp_envs.solver import GuardedSolver, SolverSettings
 
 ROOT = Path(__file__).resolve().parents[1]
 DT = 0.02
-#: Plans of a call. The solver takes its time over the large one.
-BATCHES = (1, 1000)
-SOLVER = (
-    Column("name", "started from"),
-    Column("solves", "solves", "d"),
-    Column("verified", "verified", "d"),
-    Column("hung", "hung", "d"),
-    Column("best_known", "best known cost", "d"),
-    Column("iterations_median", "iterations", ".0f"),
-    Column("milliseconds_median", "ms a solve", ".2f"),
-    Column("seconds_per_problem", "a problem", duration),
-    Column("ratio", "cold time / its time", ".2f"),
-)
-STEPS = (
-    Column("name", "policy"),
-    Column("plan_seconds", "plan", duration),
-    Column("regulators_seconds", "regulators", duration),
-    Column("step_seconds", "step", duration),
-    Column("step_share_of_period", "share of the control period", ".2%"),
-)
 
 
 def main() -> None:
@@ -69,27 +59,17 @@ def main() -> None:
     planners = {contestant.name: contestant.planner for contestant in everyone if contestant.planner is not None}
 
     planned = planner_rows({"optimal": optimal_planner(problem), **planners}, known.parameters, BATCHES)
-    flat = [
-        {"name": row["name"]}
-        | {f"{key} {batch}": row[key][str(batch)] for key in ("seconds", "ratio") for batch in BATCHES}
-        for row in planned
-    ]
-    columns = [Column("name", "planner")]
-    columns += [Column(f"seconds {batch}", f"a plan, batch of {batch:,}", duration) for batch in BATCHES]
-    columns += [Column(f"ratio {batch}", f"solver's / its, {batch:,}", ".3g") for batch in BATCHES]
-    print(text_table(flat, columns))
-
     # On a core of its own a solve that takes a second hangs.
     with GuardedSolver(problem, SolverSettings(hang_factor=25.0, hang_floor=1.0)) as solver:
         starts = {"cold, random": cold(problem, "random"), "cold, line": cold(problem, "line")}
         starts |= {f"warm, {name}": warm(planner) for name, planner in planners.items()}
         solved = solver_rows(problem, solver, starts, p, best)
-    print(text_table(solved, SOLVER))
+    print(text_table(solved, SOLVER_COLUMNS))
 
     stepped = step_rows(problem, [*everyone, *stabiliser(problem)], known.parameters[: arguments.episodes + 1], DT)
-    print(text_table(stepped, STEPS))
     record = {"env_id": problem.id, "cases": len(p), "dt": DT}
     record |= {"planners": planned, "solver": solved, "steps": stepped, "provenance": provenance()}
+    print(text_table(planning_rows(record), PLANNING_COLUMNS))
     write_json(arguments.results / f"benchmark_planning_{problem.id}.json", record)
 
 

@@ -1,6 +1,7 @@
 """Write the tables of the pages from the records in ``results/``; ``--check`` only tells whether they agree.
 
-A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made from ``results/NAME.json``.
+A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made from ``results/NAME.json``, or from a
+part of it: ``<!-- table: NAME PART -->``.
 """
 
 from __future__ import annotations
@@ -13,16 +14,19 @@ from pathlib import Path
 from typing import Any
 
 from moe_policy.comparison import COLUMNS, TRAINING_COLUMNS
+from moe_policy.latency import PLANNING_COLUMNS, SOLVER_COLUMNS, planning_rows
 from moe_policy.reporting import Column, markdown_table
 from moe_policy.split_report import SPLIT_COLUMNS
 from moe_policy.summary import OVERVIEW_COLUMNS, summary_columns
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("README.md", "results/README.md")
-BLOCK = re.compile(r"(<!-- table: (\S+) -->\n).*?(<!-- end -->)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- table: (\S+)(?: (\w+))? -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
+    if name.startswith("benchmark_planning"):
+        return SOLVER_COLUMNS
     if name == "table_summary":
         return summary_columns(record)
     if name == "table_overview":
@@ -32,10 +36,16 @@ def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
     return TRAINING_COLUMNS if name.startswith(("compare_training", "table_training")) else COLUMNS
 
 
+def table_of(name: str, part: str | None) -> str:
+    record = json.loads((ROOT / "results" / f"{name}.json").read_text())
+    if part == "planning":
+        return markdown_table(planning_rows(record), PLANNING_COLUMNS)
+    return markdown_table(record[part or "rows"], columns_of(name, record))
+
+
 def render(text: str) -> str:
     def table(block: re.Match[str]) -> str:
-        record = json.loads((ROOT / "results" / f"{block[2]}.json").read_text())
-        return f"{block[1]}\n{markdown_table(record['rows'], columns_of(block[2], record))}\n{block[3]}"
+        return f"{block[1]}\n{table_of(block[2], block[3])}\n{block[4]}"
 
     return BLOCK.sub(table, text)
 
