@@ -135,7 +135,7 @@ def main() -> None:
     learners = {name: learner_record(runs) for name, runs in learner_runs(arguments.records, problem).items()}
     for name, run in learners.items():
         run["chosen"] = chosen_actor(problem, name, run, cases)
-    trajectories, costs = solve_all(problem, cases.parameters)
+    trajectories, costs = solve_all(problem, cases.parameters, keep=ROOT / "data" / "optimal" / problem.id)
     solved = np.isfinite(costs)  # a level is no contestant: what was not solved has no optimum to follow
     followed = trajectories[solved]
     known_optima = reference.Reference(cases.parameters[solved], cases.mode_costs[solved])

@@ -45,7 +45,7 @@ def compare(
     problem: OptimalControlProblem, contestants: list[Contestant], split: str, cases: reference.Reference
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]], dict[str, Episodes]]:
     """All contestants on one split: what was compared, and by contestant the row and the episodes."""
-    trajectories, found = solve_all(problem, cases.parameters)
+    trajectories, found = solve_all(problem, cases.parameters, keep=ROOT / "data" / "optimal" / problem.id)
     solved = np.isfinite(found)
     gap = found[solved] / cases.cost[solved] - 1
     about = {
