@@ -202,6 +202,11 @@ class Database:
                 f"{folder} was made for {found[0]} with fingerprint {found[1]}, not for {problem.id} with "
                 f"{problem.fingerprint}: the problem is another one or has changed since; generate it anew"
             )
+        if list(modes := attributes.get("modes", [])) != list(problem.modes.names):
+            raise DatabaseError(
+                f"{folder} holds the modes {modes}, {problem.id} has {list(problem.modes.names)}: these were declared "
+                "anew since; generate it anew"
+            )
         missing = sorted({"parameters", "order", *_layout(problem)} - set(group.array_keys()))
         if missing:
             raise DatabaseError(f"{folder} is damaged: arrays {missing} are missing")

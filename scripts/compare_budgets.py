@@ -143,6 +143,7 @@ def main() -> None:
     record = {
         "env_id": problem.id,
         "given": GIVEN,
+        "not_attempted": dict(study_of(problem).unattempted),
         "development": {"set": "development", "count": len(known), "planners": len(cases)},
         "validation": {"set": "validation", "count": count},
         "learners": learners,
@@ -155,7 +156,8 @@ def main() -> None:
     path = arguments.results / f"budgets_{problem.id}.json"
     write_json(path, record)
     budgets_figure(path.with_suffix(".png"), record)
-    print(f"{table(record)}written to {path} and .png")
+    missing = "".join(f"not attempted: {what}: {why}\n" for what, why in study_of(problem).unattempted.items())
+    print(f"{table(record)}{missing}written to {path} and .png")
 
 
 if __name__ == "__main__":

@@ -137,12 +137,15 @@ def test_the_script_from_end_to_end(monkeypatch, tmp_path):
     write(records, f"compare_training_{PENDULUM.id}", {"sizes": [], "rows": [trained("moe-custom", 1281, [990, 999])]})
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "scripts"))
     module = importlib.import_module("compare_budgets")
-    monkeypatch.setattr(module, "study_of", lambda problem: Study(compared=("moe-custom",)))
+    monkeypatch.setattr(
+        module, "study_of", lambda problem: Study(compared=("moe-custom",), unattempted={"tqc": "no time"})
+    )
     arguments = ["--cases", "5", "--records", str(records), "--results", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["compare_budgets", *arguments])
     module.main()
     record = json.loads((tmp_path / f"budgets_{PENDULUM.id}.json").read_text())
     assert [row["validation_success"]["median"] for row in record["planners"]] == pytest.approx([0.9945])
+    assert record["not_attempted"] == {"tqc": "no time"}
     (shipped,), (optimal,) = record["shipped"], record["levels"]
     assert shipped["development"]["success"] == optimal["development"]["success"] == 1.0
     assert 0.9 < optimal["development"]["cost_ratio"] <= shipped["development"]["cost_ratio"] + 1e-3

@@ -1,10 +1,12 @@
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from ocp_envs.database import Database, DatabaseError, Rows
 from ocp_envs.nlp import Status
+from ocp_envs.problem import winding_modes
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sampling import sample
 from tests.problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
@@ -230,6 +232,8 @@ def test_another_problem_is_refused(empty):
         Database.open(empty.path, DOUBLE_INTEGRATOR)
     with pytest.raises(DatabaseError, match="has changed since"):
         Database.open(empty.path, PENDULUM.with_constants(mass=1.1))
+    with pytest.raises(DatabaseError, match="anew since"):
+        Database.open(empty.path, replace(PENDULUM, modes=winding_modes(("left", "middle", "right"))))
 
 
 def test_an_order_must_be_a_permutation(tmp_path):
