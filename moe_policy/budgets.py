@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
-from moe_policy.curves import Record, Spread
+from moe_policy.curves import FOLLOWED, Record, Spread
 from moe_policy.policy import Policy
+from moe_policy.reporting import Column, duration
 from ocp_envs.problem import OptimalControlProblem
 
 #: What each side is given, word for word in every record.
@@ -178,6 +179,39 @@ def planner_rows(
             "validation_violation": None if violations[0] is None else Spread(tuple(violations)).record(),
         }
     return [rows[key] for key in sorted(rows, key=lambda key: (names.index(key[0]), key[1]))]
+
+
+def budget_rows(record: Mapping[str, Any]) -> list[Record]:
+    """The table of a record of scripts/compare_budgets.py, all on the development set.
+
+    Learners: the end of every seed's training, and the shipped actor when it was chosen. Planners: the shipped ones,
+    with the states simulated by the solver for their data. At last the tracked optimum.
+    """
+    rows: list[Record] = []
+    for name, run in record["learners"].items():
+        for curve in run["curves"]:
+            spent = {"states": curve["steps"][-1], "seconds": curve["seconds"][-1]}
+            rows.append({"name": f"{name}, seed {curve['seed']}", **spent} | {key: curve[key][-1] for key in FOLLOWED})
+        if run["chosen"]:
+            spent = {"states": run["chosen"]["steps"], "seconds": run["chosen"]["seconds"]}
+            rows.append({"name": f"{name}, the shipped actor", **spent, **run["chosen"]["development"]})
+    for row in record["shipped"]:
+        budget = row["budget"] or {}
+        spent = {"states": budget.get("states_of_iterations"), "seconds": budget.get("seconds")}
+        rows.append({"name": row["name"], "solves": budget.get("solves"), **spent, **row["development"]})
+    return rows + [{"name": row["name"], **row["development"]} for row in record["levels"]]
+
+
+BUDGET_COLUMNS = (
+    Column("name", "who"),
+    Column("solves", "solves", ","),
+    Column("states", "simulated states", ","),
+    Column("seconds", "wall time", duration),
+    Column("success", "success", ".1%"),
+    Column("cost_ratio", "cost / optimal", ".3f"),
+    Column("mean_return", "mean return", ".2f"),
+    Column("violation", "mean violation, m", ".3f"),
+)
 
 
 class Untimed:

@@ -120,10 +120,12 @@ def _common(noise: tuple[float, ...], delay: tuple[float, ...]) -> tuple[Perturb
 
 _NOISE = (0.0, 0.1, 0.3, 1.0, 3.0, 10.0)
 _DELAY = (0.0, 20.0, 40.0, 60.0, 100.0, 160.0, 240.0)
+#: Nothing integrates the error while it hovers, so a few per cent more weight, or less thrust, leave it off the goal.
+_LIFT = (-30.0, -20.0, -10.0, -5.0, -2.0, -1.0, 0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0)
 _QUADCOPTER = (
-    _mismatch("mass", "mass"),
+    _mismatch("mass", "mass", levels=_LIFT),
     _mismatch("inertia", "inertia_x", "inertia_y", "inertia_z"),
-    _mismatch("thrust", "arm", "moment_ratio", divided=("mass",)),
+    _mismatch("thrust", "arm", "moment_ratio", divided=("mass",), levels=_LIFT),
     _disturbance("m/s²", "vx", "vy", "vz", levels=(0.0, 0.5, 1.0, 2.0, 5.0, 10.0)),
     *_common(_NOISE, _DELAY),
 )

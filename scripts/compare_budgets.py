@@ -25,16 +25,18 @@ from moe_policy import store
 from moe_policy.baselines import figures_of
 from moe_policy.budget_figures import budgets_figure
 from moe_policy.budgets import (
+    BUDGET_COLUMNS,
     GIVEN,
     PlannerBudget,
     Untimed,
+    budget_rows,
     generation_record,
     planner_rows,
 )
 from moe_policy.comparison import Contestant, environments
 from moe_policy.contestants import solve_all
 from moe_policy.curves import learner_record, learner_runs
-from moe_policy.reporting import Column, duration, text_table
+from moe_policy.reporting import text_table
 from moe_policy.rollout import rollout
 from moe_policy.studies import study_of
 from ocp_envs import reference
@@ -87,35 +89,6 @@ def shipped_rows(problem: OptimalControlProblem, generation: Any, cases: referen
     return rows
 
 
-def table(record: dict[str, Any]) -> str:
-    """The ends of the curves and the planners, for the terminal."""
-    rows = []
-    for name, run in record["learners"].items():
-        rows += [
-            {"name": f"{name}, seed {c['seed']}", "states": c["steps"][-1], "seconds": c["seconds"][-1]}
-            | {key: c[key][-1] for key in ("success", "cost_ratio", "mean_return")}
-            for c in run["curves"]
-        ]
-        if run["chosen"]:
-            spent = {"states": run["chosen"]["steps"], "seconds": run["chosen"]["seconds"]}
-            rows.append({"name": f"{name}, the shipped actor", **spent, **run["chosen"]["development"]})
-    for row in record["shipped"]:
-        budget = row["budget"] or {}
-        spent = {"states": budget.get("states_of_iterations"), "seconds": budget.get("seconds")}
-        rows.append({"name": row["name"], **spent, **row["development"]})
-    rows += [{"name": row["name"], **row["development"]} for row in record["levels"]]
-    columns = (
-        Column("name", "who"),
-        Column("states", "simulated states", ","),
-        Column("seconds", "wall time", duration),
-        Column("success", "success", ".1%"),
-        Column("cost_ratio", "cost / optimal", ".3f"),
-        Column("mean_return", "mean return", ".2f"),
-        Column("violation", "mean violation, m", ".3f"),
-    )
-    return text_table(rows, columns)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
@@ -140,7 +113,7 @@ def main() -> None:
     followed = trajectories[solved]
     known_optima = reference.Reference(cases.parameters[solved], cases.mode_costs[solved])
     optimal = on_development(problem, Contestant("optimal", lambda p: followed), known_optima)
-    record = {
+    record: dict[str, Any] = {
         "env_id": problem.id,
         "given": GIVEN,
         "not_attempted": dict(study_of(problem).unattempted),
@@ -153,11 +126,12 @@ def main() -> None:
         "levels": [{"name": "optimal, tracked", "cases": int(solved.sum()), "development": optimal}],
         "provenance": provenance(),
     }
+    record["rows"] = budget_rows(record)
     path = arguments.results / f"budgets_{problem.id}.json"
     write_json(path, record)
     budgets_figure(path.with_suffix(".png"), record)
     missing = "".join(f"not attempted: {what}: {why}\n" for what, why in study_of(problem).unattempted.items())
-    print(f"{table(record)}{missing}written to {path} and .png")
+    print(f"{text_table(record['rows'], BUDGET_COLUMNS)}{missing}written to {path} and .png")
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from moe_policy.budgets import BUDGET_COLUMNS
 from moe_policy.comparison import COLUMNS, TRAINING_COLUMNS
 from moe_policy.latency import PLANNING_COLUMNS, SOLVER_COLUMNS, planning_rows
 from moe_policy.reporting import Column, markdown_table
@@ -27,6 +28,8 @@ BLOCK = re.compile(r"(<!-- table: (\S+)(?: (\w+))? -->\n).*?(<!-- end -->)", re.
 def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
     if name.startswith("benchmark_planning"):
         return SOLVER_COLUMNS
+    if name.startswith("budgets"):
+        return BUDGET_COLUMNS
     if name == "table_summary":
         return summary_columns(record)
     if name == "table_overview":
