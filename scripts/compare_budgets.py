@@ -105,7 +105,11 @@ def main() -> None:
     training = arguments.records / f"compare_training_{problem.id}.json"
     names, count = study_of(problem).compared, len(reference.load(problem, "validation"))
     rows = json.loads(training.read_text()) if training.exists() else {"sizes": [], "rows": []}
-    learners = {name: learner_record(runs) for name, runs in learner_runs(arguments.records, problem).items()}
+    runs = learner_runs(arguments.records, problem)
+    # In the order of the comparison.
+    learners = {
+        name: learner_record(runs[name]) for name in dict.fromkeys((*study_of(problem).learners, *runs)) if name in runs
+    }
     for name, run in learners.items():
         run["chosen"] = chosen_actor(problem, name, run, cases)
     trajectories, costs = solve_all(problem, cases.parameters, keep=ROOT / "data" / "optimal" / problem.id)
