@@ -129,6 +129,14 @@ def test_the_boundary_separates_the_planners(env_id):
     assert all(separation["disjoint"] for separation in boundary["separations"])
 
 
+def test_the_centre_of_the_sphere_separates_the_planners():
+    record = read("compare_splits_QuadcopterObstacle-v0")
+    assert record["splits"]["boundary"]["cases"] == record["splits"]["boundary"]["optimal_solved"] == 500
+    rows = {row["name"]: row["boundary"]["judged"]["knot_violation_mean"] for row in record["rows"]}
+    assert rows["moe-custom"]["interval"][1] < rows["snn"]["interval"][0] / 3
+    assert rows["moe-custom"]["interval"][1] < rows["moe-kmeans-8"]["interval"][0] / 3
+
+
 def test_every_failure_on_the_vehicle_has_a_cause():
     record = read("failures_GroundVehicle-v0_moe-custom")
     comparison = read("compare_GroundVehicle-v0")
@@ -163,3 +171,43 @@ def test_used_with_care_the_mixture_is_below_the_papers_violation():
     assert rows["moe-custom, radius + 0.1"]["knot_violation_mean"] < 0.043
     assert rows["moe-custom, radius + 0.1"]["success"]["fraction"] > 0.999
     assert rows["moe-custom, radius + 0.1"]["cost_ratio"]["ratio"] < 1.02
+
+
+# -- what it takes -----------------------------------------------------------------------------------------------------
+
+SYSTEMS = ("PendulumSwingup-v0", "GroundVehicle-v0", "Quadcopter-v0", "QuadcopterObstacle-v0")
+
+
+@pytest.mark.parametrize(("env_id", "seeds"), list(zip(SYSTEMS, (5, 3, 3, 3))))
+def test_learners_have_several_seeds_beside_the_planners_budgets(env_id, seeds):
+    record = read(f"budgets_{env_id}")
+    assert record["learners"]
+    assert all(len(run["seeds"]) >= seeds for run in record["learners"].values())
+    assert set(record["given"]) == {"planners", "learners", "steps", "wall_time"}
+    assert all(record["not_attempted"].values())
+    assert all(row["budget"]["solves"] > 0 and row["budget"]["seconds"] > 0 for row in record["shipped"])
+
+
+@pytest.mark.parametrize("env_id", SYSTEMS)
+def test_a_plan_is_quick_and_a_good_start_for_the_solver(env_id):
+    record = read(f"benchmark_planning_{env_id}")
+    networks = [row for row in record["planners"] if row["name"] not in ("optimal", "nearest")]
+    assert all(row["ratio"]["1"] > 10 and row["ratio"]["1000"] > 300 for row in networks)
+    solver = {row["name"]: row for row in record["solver"]}
+    for row in networks:
+        warm = solver[f"warm, {row['name']}"]
+        assert warm["best_known"] >= 0.98 * warm["problems"]
+        assert warm["ratio"] > solver["cold, line"]["ratio"]
+    assert all(row["step_share_of_period"] < 0.05 for row in record["steps"])
+
+
+@pytest.mark.parametrize("env_id", SYSTEMS)
+def test_everybody_meets_every_perturbation(env_id):
+    record = read(f"robustness_{env_id}")
+    compared = {row["name"] for row in read(f"compare_{env_id}")["rows"] if ", " not in row["name"]}
+    for perturbation in record["perturbations"]:
+        rows = [row for row in record["rows"] if row["perturbation"] == perturbation["name"]]
+        assert {row["name"] for row in rows} == compared
+        assert {row["level"] for row in rows} == set(perturbation["levels"])
+    nominal = [row for row in record["rows"] if row["level"] == 0 and row["name"] == "optimal"]
+    assert all(row["success"]["fraction"] == 1 for row in nominal)
