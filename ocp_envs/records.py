@@ -7,6 +7,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -18,6 +19,8 @@ import numpy as np
 from ocp_envs.compilation import cpu_model
 from ocp_envs.files import replacing
 
+#: A list without lists, dictionaries or texts in it, over several lines; no text of JSON has a line's end in it.
+_NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*)\n *\]")
 _PACKAGES = ("ocp-moe", "numpy", "scipy", "casadi", "gymnasium", "torch", "scikit-learn", "control", "zarr")
 
 
@@ -82,11 +85,12 @@ def _plain(value: Any) -> Any:
 def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:
     """Write ``content`` as indented JSON, in one step: a reader sees the old file or the new one, never half of one.
 
-    NumPy arrays and numbers become lists and numbers.
+    NumPy arrays and numbers become lists and numbers; a list of numbers stands on one line.
 
     Raises:
         TypeError, ValueError: something that JSON cannot hold (NaN and infinity among it); the old file stays.
     """
     text = json.dumps(content, indent=2, default=_plain, allow_nan=False) + "\n"
+    text = _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
     with replacing(path) as file:
         file.write(text.encode())

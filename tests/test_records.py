@@ -19,6 +19,15 @@ def test_arrays_become_lists(tmp_path):
     assert json.loads((tmp_path / "a.json").read_text()) == {"x": [0, 1, 2], "y": 0.5, "z": 2}
 
 
+def test_lists_of_numbers_stand_on_one_line(tmp_path):
+    content = {"interval": [0.25, -1e-9, None], "deep": [[1, 2], [3]], "text": ["[ 1,\n 2 ]", "x"], "empty": []}
+    write_json(tmp_path / "a.json", content)
+    text = (tmp_path / "a.json").read_text()
+    assert json.loads(text) == content
+    assert '"interval": [0.25, -1e-09, null],\n' in text
+    assert "    [1, 2],\n    [3]\n" in text
+
+
 @pytest.mark.parametrize("value", [np.nan, float("inf"), object()])
 def test_what_json_cannot_hold_leaves_the_old_file(tmp_path, value):
     path = tmp_path / "a.json"
