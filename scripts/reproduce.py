@@ -65,9 +65,9 @@ SKETCH = "mixture"
 #: Training and validation problems of the quick form.
 QUICK = {
     "PendulumSwingup-v0": (1281, 1000),
-    "GroundVehicle-v0": (3000, 1000),
-    "Quadcopter-v0": (1000, 500),
-    "QuadcopterObstacle-v0": (2000, 1000),
+    "GroundVehicle-v0": (3000, 500),
+    "Quadcopter-v0": (1000, 300),
+    "QuadcopterObstacle-v0": (2000, 500),
 }
 #: Starts of the comparisons of the quick form.
 COMPARED = 200
