@@ -34,9 +34,10 @@ GIVEN = {
     ),
     "learners": (
         "Samples of the environment alone: features of the state and the context, rewards (scaled, and where the "
-        "settings say so shaped with the distance to the goal and started near it). The hold after the goal is the "
-        "same linear regulator as the planners'. The best actor is chosen on the development set; the episodes of "
-        "these evaluations are no steps, but their time is in the wall time."
+        "settings say so shaped with the distance to the goal, or less a price on it), and, where these say so, many "
+        "episodes that start near the goal. The hold after the goal is the same linear regulator as the planners'. The "
+        "best actor is chosen on the development set; the episodes of these evaluations are no steps, but their time "
+        "is in the wall time."
     ),
     "steps": (
         "A learner's environment step is one simulated state. A planner's budget is given twice: solves × knots, the "
