@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,6 +145,16 @@ def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
 _METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
 
 
+def _in_a_palette(png: BytesIO) -> bytes:
+    """``png`` in the 256 colours that serve it best, at a third of its size; lines on white have few."""
+    from PIL import Image
+
+    small, image = BytesIO(), Image.open(png)
+    palette = image.convert("RGB").quantize(256, Image.Quantize.MEDIANCUT, kmeans=1, dither=Image.Dither.NONE)
+    palette.save(small, format="PNG", optimize=True, dpi=image.info["dpi"])
+    return small.getvalue()
+
+
 def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: Callable[[Figure], None]) -> Path:
     """Draw a figure in the common style and save it, each file in one step.
 
@@ -171,8 +182,10 @@ def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: C
         FigureCanvasAgg(figure)
         draw(figure)
         for file in files:
+            drawn = BytesIO()
+            figure.savefig(drawn, format=file.suffix[1:], metadata=_METADATA[file.suffix])
             with replacing(file) as content:
-                figure.savefig(content, format=file.suffix[1:], metadata=_METADATA[file.suffix])
+                content.write(_in_a_palette(drawn) if file.suffix == ".png" else drawn.getvalue())
     return files[0]
 
 

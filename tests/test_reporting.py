@@ -81,6 +81,23 @@ def test_comparison_figure_is_a_png(tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ["comparison.png"]
 
 
+def test_figures_keep_their_colours(tmp_path):
+    pytest.importorskip("matplotlib")
+    from PIL import Image
+
+    def stripes(figure):
+        axes = figure.add_axes((0, 0, 1, 1))
+        axes.imshow([[[1, 1, 1], [0.8, 0.1, 0.2], [0, 0, 1]]], aspect="auto", interpolation="nearest")
+        axes.set_axis_off()
+
+    with Image.open(save_figure(tmp_path / "figure.png", (3, 1), stripes)) as image:
+        middle = image.size[1] // 2
+        found = [image.convert("RGB").getpixel((round(image.size[0] * x), middle)) for x in (1 / 6, 1 / 2, 5 / 6)]
+        assert image.mode == "P"
+        assert image.info["dpi"] == pytest.approx((160, 160), abs=0.1)
+    np.testing.assert_allclose(found, [(255, 255, 255), (204, 26, 51), (0, 0, 255)], atol=1)
+
+
 def test_a_failed_figure_leaves_the_old_file(tmp_path):
     pytest.importorskip("matplotlib")
     path = tmp_path / "figure.png"
