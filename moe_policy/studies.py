@@ -186,7 +186,7 @@ _VEHICLE = Study(
     learners={"sac": _VEHICLE_SAC, "ppo": _VEHICLE_PPO},
     unattempted={
         "tqc over seeds": "one trial (results/search_tqc_GroundVehicle-v0.json): from as many decisions it learns more "
-        "than SAC with the same settings, each of which takes it two and a half times as long; SAC parks well enough",
+        "than SAC with the same settings, each of which takes it two and a half times as long; SAC parks as well",
         "ppo, up to 20 million decisions": "three seeds of ten million; SAC does better with a small part of them",
     },
     stored=5_000,

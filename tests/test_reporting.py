@@ -86,7 +86,7 @@ def test_figures_keep_their_colours(tmp_path):
     from PIL import Image
 
     def stripes(figure):
-        axes = figure.add_axes((0, 0, 1, 1))
+        axes = figure.subplots()
         axes.imshow([[[1, 1, 1], [0.8, 0.1, 0.2], [0, 0, 1]]], aspect="auto", interpolation="nearest")
         axes.set_axis_off()
 
