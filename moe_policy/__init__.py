@@ -8,18 +8,14 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-# At once, for the function has the name of its module: importing the module later would hide it.
-from moe_policy.rollout import Episodes as Episodes
-from moe_policy.rollout import environments as environments
-from moe_policy.rollout import rollout as rollout
-
 _HOME = {
-    "moe_policy.networks": ("Argmax", "MixtureOfExperts", "SingleNetwork", "Softmax"),
-    "moe_policy.architectures": ("Architecture", "Experts"),
-    "moe_policy.scaling": ("Standardizer",),
-    "moe_policy.clustering": ("Labels", "cluster"),
-    "moe_policy.fitting": ("PAPER", "TrainingReport", "TrainingSettings"),
-    "moe_policy.training": (
+    "moe_policy.planners.networks": ("Argmax", "MixtureOfExperts", "SingleNetwork", "Softmax"),
+    "moe_policy.learning.architectures": ("Architecture", "Experts"),
+    "moe_policy.planners.scaling": ("Standardizer",),
+    "moe_policy.learning.clustering": ("Labels", "cluster"),
+    "moe_policy.planners.record": ("TrainingReport",),
+    "moe_policy.learning.fitting": ("PAPER", "TrainingSettings"),
+    "moe_policy.learning.training": (
         "Annealing",
         "fit_mixture",
         "fit_mixture_jointly",
@@ -28,14 +24,17 @@ _HOME = {
         "test_error",
         "validation_error",
     ),
-    "moe_policy.planner": ("NearestPlanner", "NetworkPlanner", "Planner"),
-    "moe_policy.optimal": ("SolverPlanner",),
+    "moe_policy.planners.nearest": ("NearestPlanner",),
+    "moe_policy.planners.network": ("NetworkPlanner",),
+    "moe_policy.protocols": ("Planner",),
+    "moe_policy.planners.solver": ("SolverPlanner",),
     "moe_policy.store": ("ModelFileError", "UnknownModelError", "available", "load", "load_file"),
-    "moe_policy.tracking": ("Stabilised", "Stabiliser", "TrackingPolicy"),
+    "moe_policy.rollouts.rollout": ("Episodes", "environments", "rollout"),
+    "moe_policy.control.tracking": ("Stabilised", "Stabiliser", "TrackingPolicy"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
-__all__ = sorted(["Episodes", "environments", "rollout", *_MODULE_OF])
+__all__ = sorted(_MODULE_OF)
 
 
 def __getattr__(name: str) -> Any:

@@ -22,24 +22,24 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from ocp_envs import problems
-from ocp_envs.files import replacing
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.suggestions import did_you_mean
+from ocp_envs.support.files import replacing
+from ocp_envs.support.provenance import provenance, write_json
+from ocp_envs.support.suggestions import did_you_mean
 
 FORMAT = "ocp-moe model"
 VERSION = 1
 SHIPPED = Path(__file__).parent / "models"
 #: Which function makes an object out of a file of each kind: (ModelFile, problem) → planner or policy.
 READERS = {
-    "network": ("moe_policy.planner", "read_network"),
-    "nearest": ("moe_policy.planner", "read_nearest"),
-    "rl": ("moe_policy.actor", "read_policy"),
+    "network": ("moe_policy.planners.network", "read_network"),
+    "nearest": ("moe_policy.planners.nearest", "read_nearest"),
+    "rl": ("moe_policy.rl.actor", "read_policy"),
 }
 #: What needs no file: problem → planner or policy.
 ALWAYS = {
-    "optimal": ("moe_policy.optimal", "with_shipped_samples"),
-    "stabiliser": ("moe_policy.tracking", "Stabiliser"),
+    "optimal": ("moe_policy.planners.solver", "with_shipped_samples"),
+    "stabiliser": ("moe_policy.control.tracking", "Stabiliser"),
 }
 
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import gymnasium as gym
 
-from ocp_envs.description import describe
-from ocp_envs.env import Env
+from ocp_envs.envs.env import Env
+from ocp_envs.envs.simulation import Simulator
+from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import Goal, Modes, OptimalControlProblem, OutsideBoxError, winding_modes
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
-from ocp_envs.rendering import plot_trajectory
-from ocp_envs.simulation import Simulator
+from ocp_envs.problems.description import describe
+from ocp_envs.render.scene import plot_trajectory
 from ocp_envs.system import Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory
-from ocp_envs.vector_env import VectorEnv
 
 __all__ = [
     "Box",
@@ -49,12 +49,12 @@ __all__ = [
 
 #: Imported when first asked for: who only steps an environment does not wait for solvers and databases.
 _LATER = {
-    "Database": "database",
-    "Solution": "solver",
-    "generate": "generation",
-    "grid": "sampling",
-    "sample": "sampling",
-    "solve": "solver",
+    "Database": "data.database",
+    "Solution": "solvers.solver",
+    "generate": "data.generation",
+    "grid": "sets.sampling",
+    "sample": "sets.sampling",
+    "solve": "solvers.solver",
 }
 
 
@@ -78,7 +78,7 @@ def register(problem: OptimalControlProblem) -> None:
     Raises:
         ValueError: another problem, or another package's environment, already has that id.
     """
-    entry_point = "ocp_envs.env:Env"
+    entry_point = "ocp_envs.envs.env:Env"
     if problem.id in gym.registry and gym.registry[problem.id].entry_point != entry_point:
         raise ValueError(f"Gymnasium already has an environment {problem.id!r}; give your problem another id")
     add(problem)
@@ -86,7 +86,7 @@ def register(problem: OptimalControlProblem) -> None:
         gym.register(
             id=problem.id,
             entry_point=entry_point,
-            vector_entry_point="ocp_envs.vector_env:VectorEnv",
+            vector_entry_point="ocp_envs.envs.vector_env:VectorEnv",
             max_episode_steps=None,  # the time limit is the environment's own, in seconds
             kwargs={"problem": problem.id},
         )

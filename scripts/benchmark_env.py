@@ -22,10 +22,10 @@ import gymnasium as gym
 import numpy as np
 
 import ocp_envs
-from ocp_envs.accuracy import integrate
+from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.simulation import Simulator
+from ocp_envs.solvers.accuracy import integrate
+from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array, Box
 
 REPETITIONS = 7

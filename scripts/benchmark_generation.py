@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 import ocp_envs
-from ocp_envs.generation import DEFAULT, GenerationSettings
+from ocp_envs.data.generation import DEFAULT, GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
+from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"

@@ -20,8 +20,7 @@ from pathlib import Path
 import torch
 
 import ocp_envs
-from moe_policy.contestants import optimal_planner, shipped, stabiliser
-from moe_policy.latency import (
+from moe_policy.experiments.latency import (
     BATCHES,
     PLANNING_COLUMNS,
     SOLVER_COLUMNS,
@@ -32,10 +31,11 @@ from moe_policy.latency import (
     step_rows,
     warm,
 )
-from moe_policy.reporting import text_table
-from ocp_envs import reference
-from ocp_envs.records import provenance, write_json
-from ocp_envs.solver import GuardedSolver, SolverSettings
+from moe_policy.experiments.methods import optimal_planner, shipped, stabiliser
+from moe_policy.experiments.tables import text_table
+from ocp_envs.sets import reference
+from ocp_envs.solvers.solver import GuardedSolver, SolverSettings
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 DT = 0.02

@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 
 import moe_policy
 import ocp_envs
-from moe_policy.policy import Planner
-from moe_policy.rollout import rollout
-from moe_policy.tracking import TrackingPolicy
+from moe_policy.control.tracking import TrackingPolicy
+from moe_policy.protocols import Planner
+from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
+from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array
 
 Bools = NDArray[np.bool_]

@@ -28,18 +28,18 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 import ocp_envs
-from ocp_envs.chunks import start_from
-from ocp_envs.guesses import random_kind
-from ocp_envs.nlp import Result, Status, Task
+from ocp_envs.data.warm_starts import local_fit
+from ocp_envs.data.worker import start_from
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.rounds import local_fit
-from ocp_envs.sampling import sample
-from ocp_envs.solutions import Solutions, collect, make_tasks
-from ocp_envs.solver import GuardedSolver, SolverSettings, guesses
+from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.guesses import random_kind
+from ocp_envs.solvers.nlp import Result, Status, Task
+from ocp_envs.solvers.solutions import Solutions, collect, make_tasks
+from ocp_envs.solvers.solver import GuardedSolver, SolverSettings, guesses
+from ocp_envs.solvers.transcription import transcribe
+from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
-from ocp_envs.transcription import transcribe
 
 #: Stored solutions that a fit goes through, as many as in the generation of the quadcopters' sets.
 FIT = 40

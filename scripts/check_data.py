@@ -29,19 +29,19 @@ import numpy as np
 from tqdm import tqdm
 
 import ocp_envs
-from moe_policy.optimal import SolverPlanner
-from moe_policy.studies import study_of
-from ocp_envs.database import Database
-from ocp_envs.files import replacing
-from ocp_envs.guesses import Kind
-from ocp_envs.nlp import Status
+from moe_policy.experiments.studies import study_of
+from moe_policy.planners.solver import SolverPlanner
+from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.solver import GuardedSolver, SolverSettings, guesses, verify
-from ocp_envs.splits import split_of
+from ocp_envs.sets.splits import split_of
+from ocp_envs.solvers.guesses import Kind
+from ocp_envs.solvers.nlp import Status
+from ocp_envs.solvers.solver import GuardedSolver, SolverSettings, guesses, verify
+from ocp_envs.support.files import replacing
+from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
-from ocp_envs.workers import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
 TOLERANCE = 1e-3

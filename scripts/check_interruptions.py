@@ -27,10 +27,10 @@ from typing import Any
 import numpy as np
 
 import ocp_envs
-from ocp_envs.database import Database, DatabaseError
+from ocp_envs.data.database import Database, DatabaseError
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.splits import Split, split_of
+from ocp_envs.sets.splits import Split, split_of
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Seconds after which a generation without a new chunk counts as stuck.

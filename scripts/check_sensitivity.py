@@ -21,15 +21,15 @@ from typing import Any
 import torch
 
 import ocp_envs
-from moe_policy import recipes
-from moe_policy.comparison import COLUMNS, Contestant, run
-from moe_policy.lqr import TrackingWeights
-from moe_policy.reporting import text_table
-from moe_policy.studies import study_of
+from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.comparison import COLUMNS, Contestant, run
+from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.tables import text_table
+from moe_policy.learning import recipes
 from ocp_envs.problems.quadcopter import QUADCOPTER, cost_rate
-from ocp_envs.records import provenance, write_json
-from ocp_envs.splits import split_of
-from ocp_envs.workers import WorkerPool
+from ocp_envs.sets.splits import split_of
+from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 

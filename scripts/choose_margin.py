@@ -17,12 +17,12 @@ from tqdm import tqdm
 
 import moe_policy
 import ocp_envs
-from moe_policy.comparison import COLUMNS, Contestant, run
-from moe_policy.margin import WithMargin
-from moe_policy.reporting import Column, text_table
-from moe_policy.space_figures import margins_figure
-from moe_policy.studies import study_of
-from ocp_envs.records import provenance, write_json
+from moe_policy.experiments.comparison import COLUMNS, Contestant, run
+from moe_policy.experiments.figures.space import margins_figure
+from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.tables import Column, text_table
+from moe_policy.planners.margin import WithMargin
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 MARGINS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)

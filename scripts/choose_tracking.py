@@ -19,12 +19,12 @@ from tqdm import tqdm
 
 import moe_policy
 import ocp_envs
-from moe_policy.comparison import COLUMNS, Contestant, run
-from moe_policy.lqr import TrackingWeights
-from moe_policy.reporting import Column, text_table
+from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.comparison import COLUMNS, Contestant, run
+from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.tables import Column, text_table
 from moe_policy.store import load_file
-from moe_policy.studies import study_of
-from ocp_envs.records import provenance, write_json
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 CONTROL, TERMINAL, ROOM = (0.01, 0.1, 1.0, 10.0), (None, 1e3, 1e4, 1e5), (1.0, 0.1)

@@ -22,9 +22,7 @@ import torch
 
 import ocp_envs
 from moe_policy import store
-from moe_policy.baselines import figures_of
-from moe_policy.budget_figures import budgets_figure
-from moe_policy.budgets import (
+from moe_policy.experiments.budgets import (
     BUDGET_COLUMNS,
     GIVEN,
     PlannerBudget,
@@ -33,15 +31,17 @@ from moe_policy.budgets import (
     generation_record,
     planner_rows,
 )
-from moe_policy.comparison import Contestant, environments
-from moe_policy.contestants import solve_all
-from moe_policy.curves import learner_record, learner_runs
-from moe_policy.reporting import text_table
-from moe_policy.rollout import rollout
-from moe_policy.studies import study_of
-from ocp_envs import reference
+from moe_policy.experiments.comparison import Contestant, environments
+from moe_policy.experiments.curves import learner_record, learner_runs
+from moe_policy.experiments.figures.budgets import budgets_figure
+from moe_policy.experiments.methods import solve_all
+from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.tables import text_table
+from moe_policy.rl.training import figures_of
+from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
+from ocp_envs.sets import reference
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 DT = 0.02

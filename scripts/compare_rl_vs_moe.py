@@ -19,18 +19,19 @@ import torch
 
 import moe_policy
 import ocp_envs
-from moe_policy import baselines, recipes
-from moe_policy.comparison import COLUMNS, Contestant, outcome, run
-from moe_policy.contestants import optimal_planner, shipped, solutions, solve_all, stabiliser, steps, variants
-from moe_policy.evaluation import time_planner
-from moe_policy.planner import NearestPlanner
-from moe_policy.reporting import comparison_figure, text_table
-from moe_policy.studies import study_of
-from ocp_envs import reference
+from moe_policy.experiments.comparison import COLUMNS, Contestant, outcome, run
+from moe_policy.experiments.methods import optimal_planner, shipped, solutions, solve_all, stabiliser, steps, variants
+from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.tables import comparison_figure, text_table
+from moe_policy.learning import recipes
+from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.rl import training as baselines
+from moe_policy.rollouts.metrics import time_planner
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.splits import split_of, splits_of
-from ocp_envs.workers import WorkerPool
+from ocp_envs.sets import reference
+from ocp_envs.sets.splits import split_of, splits_of
+from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 

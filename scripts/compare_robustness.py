@@ -30,18 +30,18 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy import store
-from moe_policy.comparison import Contestant
-from moe_policy.contestants import shipped, solve_all, stabiliser
-from moe_policy.lqr import TrackingWeights
-from moe_policy.reporting import Column, text_table
-from moe_policy.robustness import Perturbation, level_key, perturbations_of, run_level
-from moe_policy.robustness_figures import robustness_figure
-from ocp_envs import reference
+from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.comparison import Contestant
+from moe_policy.experiments.figures.robustness import robustness_figure
+from moe_policy.experiments.methods import shipped, solve_all, stabiliser
+from moe_policy.experiments.robustness import Perturbation, level_key, perturbations_of, run_level
+from moe_policy.experiments.tables import Column, text_table
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
+from ocp_envs.sets import reference
+from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
-from ocp_envs.workers import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
 DT = 0.02

@@ -21,17 +21,17 @@ import numpy as np
 import torch
 
 import ocp_envs
-from moe_policy.comparison import Contestant, run
-from moe_policy.contestants import shipped, solve_all, stabiliser
-from moe_policy.episodes import Episodes
-from moe_policy.reporting import text_table
-from moe_policy.split_figures import splits_figure
-from moe_policy.split_report import BINNED, SPLIT_COLUMNS, SPLITS, curves, judged, separations
-from ocp_envs import reference
-from ocp_envs.boundary import distance_to_jump
+from moe_policy.experiments.comparison import Contestant, run
+from moe_policy.experiments.figures.splits import splits_figure
+from moe_policy.experiments.methods import shipped, solve_all, stabiliser
+from moe_policy.experiments.splits import BINNED, SPLIT_COLUMNS, SPLITS, curves, judged, separations
+from moe_policy.experiments.tables import text_table
+from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.splits import hard_sets_of
+from ocp_envs.sets import reference
+from ocp_envs.sets.discontinuity import distance_to_jump
+from ocp_envs.sets.splits import hard_sets_of
+from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array
 
 ROOT = Path(__file__).resolve().parents[1]

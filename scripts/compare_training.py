@@ -29,19 +29,21 @@ import torch
 from tqdm import tqdm
 
 import ocp_envs
-from moe_policy import figures, gallery, recipes
-from moe_policy.architectures import PAPER_SIZES, layer_sizes
-from moe_policy.fitting import PAPER, TrainingSettings
-from moe_policy.lqr import TrackingWeights
-from moe_policy.planner import NetworkPlanner
+from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.figures import gallery
+from moe_policy.experiments.figures import phase as figures
+from moe_policy.experiments.studies import Published, Study, study_of
+from moe_policy.experiments.summary import beside_published, model_record, row_of
+from moe_policy.learning import recipes
+from moe_policy.learning.architectures import PAPER_SIZES, layer_sizes
+from moe_policy.learning.fitting import PAPER, TrainingSettings
+from moe_policy.learning.training import fit_single
+from moe_policy.planners.network import NetworkPlanner
 from moe_policy.store import SHIPPED, load_file
-from moe_policy.studies import Published, Study, study_of
-from moe_policy.summary import beside_published, model_record, row_of
-from moe_policy.training import fit_single
-from ocp_envs.database import Samples
+from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.workers import WorkerPool
+from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 #: All problems of the training set.

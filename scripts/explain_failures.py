@@ -19,11 +19,11 @@ from typing import Any
 import torch
 
 import ocp_envs
-from moe_policy.diagnosis import Failure, Judgement, counts, explain
-from moe_policy.evaluation import Share
-from moe_policy.reporting import Column, share, text_table
+from moe_policy.experiments.diagnosis import Failure, Judgement, counts, explain
+from moe_policy.experiments.tables import Column, share, text_table
+from moe_policy.rollouts.metrics import Share
 from moe_policy.store import SHIPPED, load_file
-from ocp_envs.records import provenance, write_json
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 WORDS = {Judgement.JUDGING_TIME: "judging time", Judgement.PLAN_END: "end of the plan"}

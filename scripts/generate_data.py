@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import Any
 
 import ocp_envs
-from ocp_envs import reference
-from ocp_envs.database import Database
+from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import peak_memory_gb, provenance, write_json
-from ocp_envs.solver import GuardedSolver
-from ocp_envs.splits import split_of, splits_of
+from ocp_envs.sets import reference
+from ocp_envs.sets.splits import split_of, splits_of
+from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.provenance import peak_memory_gb, provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Seconds to wait for a scheduler, and then for a worker.

@@ -17,10 +17,11 @@ import time
 from pathlib import Path
 
 import ocp_envs
-from ocp_envs import reference, tables
-from ocp_envs.hard_sets import make, smaller
-from ocp_envs.records import provenance, write_json
-from ocp_envs.splits import hard_set_of, hard_sets_of
+from ocp_envs import tables
+from ocp_envs.sets import reference
+from ocp_envs.sets.hard_sets import make, smaller
+from ocp_envs.sets.splits import hard_set_of, hard_sets_of
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 

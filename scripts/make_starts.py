@@ -20,12 +20,13 @@ import numpy as np
 from tqdm import tqdm
 
 import ocp_envs
-from ocp_envs import free_paths, tables
+from ocp_envs import tables
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
-from ocp_envs.sampling import sample
-from ocp_envs.solver import GuardedSolver
-from ocp_envs.splits import splits_of
+from ocp_envs.sets import free_paths
+from ocp_envs.sets.sampling import sample
+from ocp_envs.sets.splits import splits_of
+from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array
 
 ROOT = Path(__file__).resolve().parents[1]

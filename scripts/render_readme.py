@@ -13,12 +13,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from moe_policy.budgets import BUDGET_COLUMNS
-from moe_policy.comparison import COLUMNS, TRAINING_COLUMNS
-from moe_policy.latency import PLANNING_COLUMNS, SOLVER_COLUMNS, planning_rows
-from moe_policy.reporting import Column, markdown_table
-from moe_policy.split_report import SPLIT_COLUMNS
-from moe_policy.summary import OVERVIEW_COLUMNS, summary_columns
+from moe_policy.experiments.budgets import BUDGET_COLUMNS
+from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS
+from moe_policy.experiments.latency import PLANNING_COLUMNS, SOLVER_COLUMNS, planning_rows
+from moe_policy.experiments.splits import SPLIT_COLUMNS
+from moe_policy.experiments.summary import OVERVIEW_COLUMNS, summary_columns
+from moe_policy.experiments.tables import Column, markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("README.md", "results/README.md")

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import ocp_envs
-from moe_policy.data_report import CLOSE, FAILURES, LEVELS, accuracy_of, contents, data_figure
-from moe_policy.reporting import ABSENT, Column, text_table
-from ocp_envs.accuracy import ATOL, RTOL
-from ocp_envs.database import Database
-from ocp_envs.records import provenance, write_json
-from ocp_envs.splits import split_of, splits_of
+from moe_policy.experiments.data import CLOSE, FAILURES, LEVELS, accuracy_of, contents, data_figure
+from moe_policy.experiments.tables import ABSENT, Column, text_table
+from ocp_envs.data.database import Database
+from ocp_envs.sets.splits import split_of, splits_of
+from ocp_envs.solvers.accuracy import ATOL, RTOL
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Seed of the choice of the plans that are integrated.

@@ -27,13 +27,11 @@ import torch
 
 import moe_policy
 import ocp_envs
-from moe_policy import gallery
-from moe_policy.comparison import TRAINING_COLUMNS
-from moe_policy.figures import mixture_figure
-from moe_policy.planner import NetworkPlanner
-from moe_policy.reporting import Column, markdown_table
-from moe_policy.studies import study_of
-from moe_policy.summary import (
+from moe_policy.experiments.comparison import TRAINING_COLUMNS
+from moe_policy.experiments.figures import gallery
+from moe_policy.experiments.figures.phase import mixture_figure
+from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.summary import (
     OVERVIEW_COLUMNS,
     beside_published,
     model_record,
@@ -44,11 +42,13 @@ from moe_policy.summary import (
     summary_record,
     training_record,
 )
-from ocp_envs import reference
+from moe_policy.experiments.tables import Column, markdown_table
+from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK
-from ocp_envs.records import provenance, write_json
-from ocp_envs.splits import split_of
+from ocp_envs.sets import reference
+from ocp_envs.sets.splits import split_of
+from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 SHORT = {

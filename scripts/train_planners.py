@@ -15,10 +15,10 @@ from pathlib import Path
 import torch
 
 import ocp_envs
-from moe_policy import recipes
+from moe_policy.experiments.studies import study_of
+from moe_policy.learning import recipes
 from moe_policy.store import SHIPPED
-from moe_policy.studies import study_of
-from ocp_envs.workers import WorkerPool
+from ocp_envs.support.pool import WorkerPool
 
 ROOT = Path(__file__).resolve().parents[1]
 

@@ -26,14 +26,14 @@ import torch
 from tqdm import tqdm
 
 import ocp_envs
-from moe_policy import comparison
-from moe_policy.baselines import TrainingRun, train
-from moe_policy.learners import ALGORITHMS, RLSettings
+from moe_policy.experiments import comparison
+from moe_policy.experiments.studies import study_of
+from moe_policy.rl.settings import ALGORITHMS, RLSettings
+from moe_policy.rl.training import TrainingRun, train
 from moe_policy.store import SHIPPED
-from moe_policy.studies import study_of
-from ocp_envs import reference
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.records import provenance, write_json
+from ocp_envs.sets import reference
+from ocp_envs.support.provenance import provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 

@@ -9,17 +9,17 @@ from scipy.spatial import cKDTree
 
 import moe_policy
 import ocp_envs
-from moe_policy.optimal import SolverPlanner
-from moe_policy.planner import NearestPlanner
+from moe_policy.experiments.studies import study_of
+from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.planners.solver import SolverPlanner
 from moe_policy.store import ALWAYS
-from moe_policy.studies import study_of
-from ocp_envs import reference
-from ocp_envs.guesses import guesses
+from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
-from ocp_envs.sampling import sample
-from ocp_envs.simulation import Simulator
-from ocp_envs.solver import GuardedSolver
+from ocp_envs.sets import reference
+from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.guesses import guesses
+from ocp_envs.solvers.solver import GuardedSolver
 
 PROBLEMS = tuple({problem.id: problem for problem in (*BENCHMARK, QUADCOPTER, QUADCOPTER_OBSTACLE)}.values())
 #: Problems whose reference sets are in the package.

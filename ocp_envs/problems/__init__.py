@@ -6,7 +6,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE
-from ocp_envs.suggestions import did_you_mean
+from ocp_envs.support.suggestions import did_you_mean
 
 BENCHMARK: tuple[OptimalControlProblem, ...] = (PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE)
 _catalogue: dict[str, OptimalControlProblem] = {problem.id: problem for problem in BENCHMARK}

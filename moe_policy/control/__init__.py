@@ -1,0 +1,1 @@
+"""Tracking of a plan with time-varying LQR."""

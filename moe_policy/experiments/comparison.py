@@ -1,0 +1,167 @@
+"""The comparison of planners and policies on the same starts: how each becomes a policy, and its row of the table.
+
+A planner is tracked with LQR and holds the goal after its plan. A learned policy acts until it first enters the goal
+ball and then holds the goal too, where the goal can be held. Rows are plain records, as they stand in the JSON files;
+the columns say how they are written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from moe_policy.control.lqr import TrackingWeights
+from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
+from moe_policy.experiments.tables import Column, Outcome, duration, share
+from moe_policy.learning.training import validation_error
+from moe_policy.planners.network import NetworkPlanner
+from moe_policy.protocols import Planner, Policy
+from moe_policy.rollouts.metrics import Share, evaluate, time_planner
+from moe_policy.rollouts.rollout import Episodes, environments, rollout
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Contestant:
+    """Somebody who takes part.
+
+    Args:
+        name: one of the shipped names, such as ``"moe-custom"``.
+        actor: a planner (called with p) or a policy (with ``predict``).
+        data: what it learnt from, for the table.
+        seconds: what learning took, without the making of the data; ``None`` where nothing was learnt.
+    """
+
+    name: str
+    actor: Planner | Policy
+    data: str | None = None
+    seconds: float | None = None
+
+    @property
+    def planner(self) -> Planner | None:
+        """The actor if it plans."""
+        return None if hasattr(self.actor, "predict") else self.actor
+
+    def policy(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> Policy:
+        """The actor as a policy of control period ``dt``; ``weights`` are those of tracking and hold."""
+        if self.planner is not None:
+            return TrackingPolicy(problem, self.planner, dt, weights)
+        acting: Any = self.actor
+        if isinstance(acting, Stabiliser) or problem.hold == 0:
+            return acting
+        return Stabilised(acting, problem, dt, weights)
+
+
+def run(
+    problem: OptimalControlProblem,
+    contestant: Contestant,
+    starts: Array,
+    *,
+    optimal: Trajectory | None = None,
+    baseline: Episodes | None = None,
+    dt: float = 0.02,
+    weights: TrackingWeights | None = None,
+    batches: tuple[int, ...] = (1, 1000),
+) -> tuple[dict[str, Any], Episodes]:
+    """Roll ``contestant`` out from ``starts`` and describe how it did.
+
+    Args:
+        problem: the problem.
+        contestant: who acts.
+        starts: parameters of the episodes, (B, np).
+        optimal: the optimal trajectories from them, for the prediction error of networks.
+        baseline: the episodes costs are compared with; a contestant's own where not given.
+        dt: control period, seconds.
+        weights: of tracking and hold; the problem's own where not given.
+        batches: sizes of the batches whose planning is timed.
+
+    Returns:
+        the row as a JSON record, and the episodes.
+    """
+    envs = environments(problem, len(starts), dt)
+    episodes = rollout(envs, contestant.policy(problem, dt, weights), starts)
+    envs.close()
+    planner = contestant.planner
+    row: dict[str, Any] = {"name": contestant.name, "data": contestant.data, "training_seconds": contestant.seconds}
+    row |= evaluate(problem, episodes, episodes if baseline is None else baseline).record()
+    if planner is not None:
+        row["planning_seconds"] = {str(k): v for k, v in time_planner(planner, starts, batches).items()}
+    for size in ("parameters_total", "parameters_active"):
+        row[size] = getattr(contestant.actor, size, None)
+    if isinstance(planner, NetworkPlanner):
+        row["test_error"] = planner.details["training"]["test_error"]
+        row["validation_error"] = None
+        if optimal is not None and optimal.finite.any():
+            known = optimal.finite
+            row["validation_error"] = validation_error(planner, starts[known], optimal[known])
+    return row, episodes
+
+
+def outcome(name: str, episodes: Episodes, problem: OptimalControlProblem) -> Outcome:
+    """What the comparison's figure shows of ``episodes``."""
+    metrics = evaluate(problem, episodes)
+    errors = episodes.plan_end_error if metrics.success_at_plan_end is not None else None
+    return Outcome(name, metrics.success, metrics.success_at_plan_end, errors)
+
+
+# -- the table ---------------------------------------------------------------------------------------------------------
+
+
+def _share(record: Mapping[str, Any]) -> str:
+    return share(Share(record["count"], record["total"]))
+
+
+def _of(key: str, form: Callable[[Any], str]) -> Callable[[Any], str]:
+    return lambda record: form(record[key]) if record.get(key) is not None else "–"
+
+
+COLUMNS = (
+    Column("name", "policy"),
+    Column("reached", "reached", lambda record: str(record["count"])),
+    Column("success", "success (95 % interval)", _share),
+    Column("success_at_plan_end", "… at the plan's end", _share),
+    Column("plan_end_error_median", "error there", ".2g"),
+    Column("knot_violation_mean", "mean violation at knots, m", ".3f"),
+    Column("violation_mean", "… on the whole path", ".3f"),
+    Column("cost_ratio", "cost / optimal", _of("ratio", "{:.3f}".format)),
+    Column("test_error", "test error", ".2g"),
+    Column("validation_error", "validation error", ".2g"),
+    Column("planning_seconds", "plan, batch 1", _of("1", duration)),
+    Column("planning_seconds", "… batch 1000", _of("1000", duration)),
+    Column("data", "learnt from"),
+    Column("parameters_total", "weights", ","),
+    Column("parameters_active", "… active", ","),
+    Column("training_seconds", "training", duration),
+)
+
+
+def _error(value: float) -> str:
+    """Three decimals; two digits where these would say nothing."""
+    return f"{value:.3f}" if value >= 1e-3 else f"{value:.2g}"
+
+
+def _median(record: Mapping[str, float]) -> str:
+    return f"{record['median']:.0f} ({record['least']}–{record['most']})"
+
+
+#: The table of training variants: medians over seeds, and their range.
+TRAINING_COLUMNS = (
+    Column("name", "model"),
+    Column("samples", "training problems", ","),
+    Column("success_spread", "success, median (range)", _median),
+    Column("paper_success", "paper", "d"),
+    Column("success_at_plan_end_spread", "at the plan's end", _median),
+    Column("knot_violation_spread", "mean violation at knots, m", _of("median", "{:.3f}".format)),
+    Column("paper_violation", "paper", ".3f"),
+    Column("violation_spread", "… on the whole path", _of("median", "{:.3f}".format)),
+    Column("validation_error_spread", "validation error", _of("median", _error)),
+    Column("paper_validation_error", "paper", _error),
+    Column("test_error_spread", "test error", _of("median", "{:.4f}".format)),
+)

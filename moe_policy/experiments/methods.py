@@ -1,0 +1,164 @@
+"""Who takes part: the shipped planners and policies of a problem, and its optimal trajectories."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import threading
+import zipfile
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from moe_policy import store
+from moe_policy.control.tracking import Stabiliser
+from moe_policy.experiments.comparison import Contestant
+from moe_policy.experiments.studies import study_of
+from moe_policy.planners.margin import WithMargin
+from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.scaling import Array
+from moe_policy.planners.solver import SolverPlanner
+from moe_policy.planners.symmetric import Symmetrised
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.files import replacing
+from ocp_envs.trajectory import Trajectory
+
+#: Starts of one share of the optimal planner's work.
+SHARE = 250
+
+
+def solutions(count: int) -> str:
+    """What a planner learnt from, in words."""
+    return f"{count:,} solutions"
+
+
+def steps(count: int) -> str:
+    """What a reinforcement learner learnt from, in words."""
+    return f"{count:,} steps"
+
+
+def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list[Contestant]:
+    """The models of the package that the problem's study compares: nearest neighbour, networks, learners.
+
+    Args:
+        problem: the problem; one without shipped models has none.
+        results: folder of the learners' training records, from which steps and wall times are taken; without it the
+            policies themselves tell their steps.
+    """
+    study, there = study_of(problem), store.available(problem.id)
+    contestants = []
+    if "nearest" in there:
+        nearest = store.load(problem.id, "nearest")
+        contestants.append(Contestant("nearest", nearest, solutions(len(nearest.parameters))))
+    for name in study.compared:
+        if name in there:
+            planner = store.load(problem.id, name)
+            record = planner.details
+            contestants.append(Contestant(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
+    for name in study.learners:
+        if name in there:
+            policy = store.load(problem.id, name)
+            training = {"steps": policy.details["steps"], "seconds": None}
+            record_path = None if results is None else results / f"training_{name}_{problem.id}.json"
+            if record_path is not None and record_path.exists():
+                training = json.loads(record_path.read_text())
+            contestants.append(Contestant(name, policy, steps(training["steps"]), training["seconds"]))
+    return contestants
+
+
+def variants(problem: OptimalControlProblem, contestants: Sequence[Contestant]) -> list[Contestant]:
+    """The networks among ``contestants`` once more, used with more care; none where the problem offers nothing.
+
+    Averaged over the problem's symmetry (:class:`Symmetrised`), and keeping the margin of its study
+    (:class:`WithMargin`).
+    """
+    networks = [(c, c.actor) for c in contestants if isinstance(c.actor, NetworkPlanner)]
+    careful: list[tuple[Contestant, Symmetrised | WithMargin]] = []
+    if problem.symmetry is not None:
+        careful += [(contestant, Symmetrised(problem, planner)) for contestant, planner in networks]
+    if (margin := study_of(problem).margin) is not None:
+        careful += [(contestant, WithMargin(problem, planner, *margin)) for contestant, planner in networks]
+    return [replace(contestant, name=planner.name, actor=planner) for contestant, planner in careful]
+
+
+def stabiliser(problem: OptimalControlProblem) -> list[Contestant]:
+    """The hold without a plan, where the goal can be held."""
+    return [Contestant("stabiliser", Stabiliser(problem))] if problem.hold else []
+
+
+def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | None = None) -> SolverPlanner:
+    """The solver as the comparison uses it.
+
+    Args:
+        problem: the problem.
+        nearest: source of its warm starts; by default the shipped one, and random guesses where none is shipped.
+    """
+    if nearest is None and "nearest" in store.available(problem.id):
+        nearest = store.load(problem.id, "nearest")
+    return SolverPlanner(problem, nearest, lookaround=study_of(problem).lookaround)
+
+
+def solve_all(
+    problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None = None, keep: Path | None = None
+) -> tuple[Trajectory, Array]:
+    """Optimal trajectories from ``p`` (B, np) and their costs (B,), with a solver process for every core.
+
+    Args:
+        problem: the problem.
+        p: parameters, (B, np).
+        nearest: source of warm starts, as for :func:`optimal_planner`.
+        keep: folder where solved shares are kept and looked for, so that an interrupted run goes on; a share counts
+            for its problem, parameters and warm starts alone.
+    """
+    local = threading.local()
+    if nearest is None and "nearest" in store.available(problem.id):
+        nearest = store.load(problem.id, "nearest")
+
+    def solve(begin: int) -> tuple[Trajectory, Array]:
+        share = p[begin : begin + SHARE]
+        path = None if keep is None else keep / f"{_key(problem, share, nearest)}.npz"
+        nothing = np.full((len(share), problem.flat_size), np.nan), np.full(len(share), np.inf)
+        flat, costs = (None if path is None else _read(path, nothing[0].shape)) or nothing
+        # What was not solved may have been stopped for taking long on a busy machine.
+        if (lost := ~np.isfinite(costs)).any():
+            if not hasattr(local, "planner"):
+                local.planner = optimal_planner(problem, nearest)
+            found, costs[lost] = local.planner.best(share[lost])
+            flat[lost] = found.flat()
+            if path is not None:
+                _write(path, flat, costs)
+        return Trajectory.from_flat(flat, problem.knots, problem.system.nx, problem.system.nu), costs
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        shares = range(0, len(p), SHARE)
+        parts = list(tqdm(pool.map(solve, shares), total=len(shares), desc="optimal", disable=None, leave=False))
+    return Trajectory.concatenate([plan for plan, _ in parts]), np.concatenate([cost for _, cost in parts])
+
+
+def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None) -> str:
+    """A hash of all that a share of optimal trajectories depends on."""
+    sha = hashlib.sha256(f"{problem.fingerprint} {study_of(problem).lookaround}".encode())
+    for array in (p, *(() if nearest is None else (nearest.parameters, nearest.trajectory.flat()))):
+        sha.update(np.ascontiguousarray(array).tobytes())
+    return sha.hexdigest()[:16]
+
+
+def _write(path: Path, flat: Array, costs: Array) -> None:
+    with replacing(path) as file:
+        np.savez(file, flat=flat, costs=costs)
+
+
+def _read(path: Path, shape: tuple[int, int]) -> tuple[Array, Array] | None:
+    """Flat trajectories and costs that were kept, ``None`` where they are not there or damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            flat, costs = file["flat"], file["costs"]
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError):
+        return None
+    return (flat, costs) if flat.shape == shape and costs.shape == shape[:1] else None

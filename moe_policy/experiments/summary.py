@@ -1,0 +1,244 @@
+"""Records of trained models, over seeds, and the paper's two tables made of them.
+
+The tables are those of Tang & Hauser, *Discontinuity-Sensitive Optimal Control Learning by Mixture of Experts* (2019):
+``training`` compares ways to train on the pendulum, ``summary`` has a column for each problem and clustering.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from moe_policy.experiments import comparison
+from moe_policy.experiments.studies import Published, study_of
+from moe_policy.experiments.tables import ABSENT, Column
+from moe_policy.learning.architectures import architecture_of, layer_sizes
+from moe_policy.planners.network import NetworkPlanner
+from ocp_envs.data.samples import Samples
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets.splits import split_of
+
+Record = dict[str, Any]
+_MEASURED = ("success", "success_at_plan_end", "violation", "knot_violation", "test_error", "validation_error")
+
+
+def training_record(planner: NetworkPlanner) -> Record:
+    """How a network was trained, as JSON."""
+    training = planner.details["training"]
+    parts = training["parts"]
+    return {
+        "seed": planner.details["seed"],
+        "samples": planner.details["samples"],
+        "test_error": training["test_error"],
+        "training_seconds": training["seconds"],
+        "peak_memory_gb": training.get("peak_memory_gb"),
+        "gate_accuracy": next((part["accuracy"] for part in parts if part["accuracy"] is not None), None),
+        "part_test_errors": [part["test_loss"] for part in parts if part["accuracy"] is None],
+        "cluster_sizes": planner.details.get("clusters", {}).get("sizes"),
+    }
+
+
+def model_record(planner: NetworkPlanner, validation: Samples) -> Record:
+    """:func:`training_record`, and what the network does on solved validation problems."""
+    problem = planner.problem
+    contestant = comparison.Contestant(planner.name, planner)
+    row, _ = comparison.run(problem, contestant, validation.parameters, optimal=validation.trajectory, batches=())
+    return training_record(planner) | {
+        "success": row["success"]["count"],
+        "success_at_plan_end": row["success_at_plan_end"]["count"],
+        "reached": row["reached"]["count"],
+        "violation": row["violation_mean"],
+        "knot_violation": row["knot_violation_mean"],
+        "validation_error": row["validation_error"],
+    }
+
+
+def row_of(name: str, records: Sequence[Record], published: Published | None = None) -> Record:
+    """One row of a table: the records of a model's seeds as lists, medians with their range, and the paper's figures.
+
+    Args:
+        name: of the row.
+        records: of :func:`model_record`, one a seed, all from as many samples.
+        published: the paper's figures, kept as ``paper_...``.
+    """
+    row: Record = {"name": name, "samples": records[0]["samples"]}
+    for key in records[0].keys() - {"samples"}:
+        row[f"{key}s" if key == "seed" else key] = [r.get(key) for r in records]
+    for key in (*_MEASURED, "training_seconds"):
+        values = row.get(key, [None])
+        if values[0] is not None:
+            row[f"{key}_spread"] = {"median": float(np.median(values)), "least": min(values), "most": max(values)}
+    return row if published is None else beside_published(row, published)
+
+
+def beside_published(row: Record, published: Published) -> Record:
+    """``row`` with the paper's figures, as ``paper_...``."""
+    figures = dataclasses.asdict(published)
+    return row | {f"paper_{key}": value for key, value in figures.items() if value is not None}
+
+
+# -- the summary -------------------------------------------------------------------------------------------------------
+
+
+def summarised(problem: OptimalControlProblem) -> list[str]:
+    """The mixtures of ``problem`` that have a column in the summary: those whose gate the paper describes."""
+    return [name for name, figures in study_of(problem).published.items() if figures.gate_accuracy is not None]
+
+
+def summary_record(
+    problems: Sequence[OptimalControlProblem], rows: Mapping[str, Sequence[Record]], cases: Mapping[str, int]
+) -> Record:
+    """The summary as JSON: ``columns`` (title and key of each) and ``rows`` of texts, ours with the paper's beside it.
+
+    Args:
+        problems: in the order of their columns.
+        rows: of :func:`row_of`, by id of the problem; the first of a name counts.
+        cases: number of validation problems that they were judged on, by id of the problem.
+    """
+    columns, cells = [], []
+    for problem in problems:
+        models: dict[str, Record] = {}
+        for row in rows[problem.id]:
+            models.setdefault(row["name"], row)
+        for name in summarised(problem):
+            key = f"{problem.id} {name}"
+            columns.append({"key": key, "title": f"{problem.id}, {name}"})
+            cells.append((key, _cells(problem, models["snn"], models[name], cases[problem.id])))
+    labels = list(cells[0][1])
+    return {"columns": columns, "rows": [{"label": text} | {key: of[text] for key, of in cells} for text in labels]}
+
+
+def summary_columns(record: Mapping[str, Any]) -> tuple[Column, ...]:
+    """The columns of a summary's table."""
+    return Column("label", "ours (paper)"), *(Column(column["key"], column["title"]) for column in record["columns"])
+
+
+def _cells(problem: OptimalControlProblem, single: Record, mixture: Record, cases: int) -> dict[str, str]:
+    """The texts of one column by their label."""
+    sizes, name = architecture_of(problem), mixture["name"]
+    clusters = mixture["cluster_sizes"][0]
+    method = "custom" if name == "moe-custom" else "k-means"
+    average = float(np.mean(clusters))
+    hidden = sorted({sizes.expert(size, average, method.replace("-", "")) for size in clusters})
+    experts = np.array(mixture["part_test_errors"][0])
+    paper = mixture.get("paper_expert_test_error")
+    validation = split_of(problem, "validation")
+    return {
+        "states, controls": f"{problem.system.nx}, {problem.system.nu}",
+        "parameters": ", ".join(problem.parameters.names),
+        "range": _box(problem),
+        "training problems": _beside(f"{single['samples']:,}", f"{len(split_of(problem, 'training')):,}"),
+        "validation problems": _beside(f"{cases:,}", f"{len(validation):,}"),
+        "SNN size": str(layer_sizes(problem, sizes.single)),
+        "SNN test error": _figure(single, "test_error"),
+        "SNN validation error": _figure(single, "validation_error"),
+        "SNN rollout": _rollout(single, cases),
+        "clusters": f"{len(clusters)}, {method}",
+        "cluster sizes": _beside(_range(clusters), _range(mixture.get("paper_cluster_sizes"))),
+        "gate size": str(layer_sizes(problem, sizes.gate, len(clusters))),
+        "gate test accuracy": _beside(
+            _percent(mixture["gate_accuracy"][0]), _percent(mixture.get("paper_gate_accuracy"))
+        ),
+        "expert size": ", ".join(str(layer_sizes(problem, layers)) for layers in hidden),
+        "expert test error": _beside(
+            f"{experts.mean():.2g} ± {experts.std():.2g}",
+            ABSENT if paper is None else f"{paper[0]:.2g} ± {paper[1]:.2g}",
+        ),
+        "MoE validation error": _figure(mixture, "validation_error"),
+        "MoE rollout": _rollout(mixture, cases),
+    }
+
+
+def _box(problem: OptimalControlProblem) -> str:
+    """The parameter box, intervals that repeat as powers."""
+    box = problem.parameters
+    intervals = itertools.groupby(f"[{a:.3g}, {b:.3g}]" for a, b in zip(box.lower, box.upper))
+    powers = [(text, len(list(same))) for text, same in intervals]
+    return " × ".join(text if power == 1 else f"{text}^{power}" for text, power in powers)
+
+
+def _beside(ours: str, papers: str) -> str:
+    return f"{ours} ({papers})"
+
+
+def _number(value: float | None) -> str:
+    return ABSENT if value is None else f"{value:.2g}"
+
+
+def _percent(value: float | None) -> str:
+    return ABSENT if value is None else f"{100 * value:.1f} %"
+
+
+def _range(sizes: Sequence[int] | None) -> str:
+    return ABSENT if sizes is None else f"{min(sizes):,}–{max(sizes):,}"
+
+
+def _figure(row: Record, key: str) -> str:
+    return _beside(_number(row[f"{key}_spread"]["median"]), _number(row.get(f"paper_{key}")))
+
+
+def _rollout(row: Record, cases: int) -> str:
+    """Successes, or where the paper counts it the mean violation at the knots in metres."""
+    if "paper_violation" in row:
+        return _beside(f"−{row['knot_violation_spread']['median']:.3f} m", f"−{row['paper_violation']:.3f} m")
+    return _beside(f"{row['success_spread']['median']:.0f} of {cases:,}", f"{row.get('paper_success', ABSENT)}")
+
+
+# -- the overview ------------------------------------------------------------------------------------------------------
+
+_LEARNERS = ("sac", "tqc", "ppo")
+#: What the overview compares: title, and which names of a comparison's rows belong to it, the best of which counts.
+_WHO: Mapping[str, Callable[[str], bool]] = {
+    "optimal": lambda name: name == "optimal",
+    "nearest": lambda name: name == "nearest",
+    "SNN": lambda name: name == "snn",
+    "MoE, custom": lambda name: name == "moe-custom",
+    "MoE, k-means": lambda name: name.startswith("moe-kmeans-") and "," not in name,
+    "RL": lambda name: name in _LEARNERS,
+    "stabiliser": lambda name: name == "stabiliser",
+}
+OVERVIEW_COLUMNS = (Column("problem", "problem"), Column("measure", "measure"), *(Column(who, who) for who in _WHO))
+
+
+def _count(row: Record, key: str) -> str | None:
+    return None if row.get(key) is None else str(row[key]["count"])
+
+
+def _three(value: float | None) -> str | None:
+    return None if value is None else f"{value:.3f}"
+
+
+def _ratio(row: Record) -> str | None:
+    return None if row.get("cost_ratio") is None else _three(row["cost_ratio"]["ratio"])
+
+
+def overview_rows(records: Mapping[str, Record]) -> list[Record]:
+    """A few rows of texts for each problem, made of the records of its comparison by id of the problem."""
+    rows = []
+    for env_id, record in records.items():
+        cases = f"{record['cases']:,}"
+        measures: list[tuple[str, Callable[[Record], str | None]]] = [
+            (f"success of {cases}", lambda row: _count(row, "success")),
+            ("… at the plan's end", lambda row: _count(row, "success_at_plan_end")),
+            ("cost / optimal", _ratio),
+        ]
+        chosen = {}
+        for who, belongs in _WHO.items():
+            found = [row for row in record["rows"] if belongs(row["name"])]
+            if found:
+                chosen[who] = max(found, key=lambda row: int(row["success"]["count"]))
+        if any(row.get("knot_violation_mean") is not None for row in chosen.values()):
+            measures.insert(0, ("mean violation, m", lambda row: _three(row.get("knot_violation_mean"))))
+        if all(row["success"] == row["success_at_plan_end"] for row in chosen.values() if row["success_at_plan_end"]):
+            del measures[-2]  # a goal that cannot be held: the two are one
+        named = False
+        for i, (measure, text) in enumerate(measures):
+            cells: Record = {who: text(row) for who, row in chosen.items()}
+            if not named and cells.get("RL"):
+                named, cells["RL"] = True, f"{cells['RL']} ({chosen['RL']['name']})"
+            rows.append({"problem": env_id if i == 0 else "", "measure": measure} | cells)
+    return rows

@@ -1,0 +1,1 @@
+"""Clustering, training of networks and mixtures of experts."""

@@ -1,0 +1,148 @@
+"""Partition of samples by the family their optimal trajectory belongs to (Tang & Hauser, section III-D).
+
+The partition is made of solutions, not of parameters: the jumps one wants to find are in the map from one to the other.
+
+- ``custom``: the problem's own modes (final winding, direction of travel, side of the obstacle).
+- ``kmeans``: k-means on flat trajectories, every component standardised.
+- ``kmeans-pca``: the same after a projection on the principal components of the standardised trajectories.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.cluster import KMeans
+from sklearn.decomposition import PCA
+
+from moe_policy.planners.scaling import Standardizer, blocks
+from ocp_envs.data.samples import Samples, SampleSource, samples_of
+from ocp_envs.support.suggestions import did_you_mean
+
+METHODS = ("custom", "kmeans", "kmeans-pca")
+#: k-means finds its centres on as many samples at most, random ones; the others join the nearest.
+FITTED = 150_000
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """A partition of M samples into k clusters.
+
+    Args:
+        values: cluster of every sample, (M,) integers in 0 … k−1, none empty.
+        names: name of every cluster, k of them.
+        method: how it was made, one of :data:`METHODS` or a name of the user's own.
+        settings: what it was made with, for the record.
+    """
+
+    values: NDArray[np.int64]
+    names: tuple[str, ...]
+    method: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        values = np.array(self.values)
+        if values.ndim != 1 or not np.issubdtype(values.dtype, np.integer):
+            raise ValueError(f"labels must be a vector of integers, got {values.dtype} of shape {values.shape}")
+        if not np.array_equal(np.unique(values), np.arange(len(self.names))):
+            raise ValueError(
+                f"labels must use each of 0 … {len(self.names) - 1}, one a name; got {np.unique(values).tolist()}"
+            )
+        values = values.astype(np.int64)
+        values.flags.writeable = False
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "settings", MappingProxyType(dict(self.settings)))
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def k(self) -> int:
+        """Number of clusters."""
+        return len(self.names)
+
+    @property
+    def sizes(self) -> NDArray[np.int64]:
+        """Number of samples of every cluster, (k,)."""
+        return np.bincount(self.values, minlength=self.k)
+
+
+def cluster(
+    database: Samples | SampleSource,
+    method: str,
+    *,
+    k: int | None = None,
+    components: int | None = None,
+    seed: int = 0,
+    n_init: int = 10,
+) -> Labels:
+    """Partition the samples of ``database``.
+
+    Args:
+        database: a Database or its samples, M of them.
+        method: ``"custom"``, ``"kmeans"`` or ``"kmeans-pca"``.
+        k: number of clusters, for k-means; ``custom`` has those of the problem's modes that occur.
+        components: number of principal components, for ``kmeans-pca``.
+        seed: source of k-means' initial centres.
+        n_init: number of starts of k-means, the best of which is kept.
+
+    Raises:
+        ValueError: an unknown method, or arguments that do not belong to it.
+    """
+    if method not in METHODS:
+        hint = did_you_mean(method, METHODS)
+        raise ValueError(f"unknown clustering method {method!r}; {hint}known are {list(METHODS)}")
+    if (method != "kmeans-pca") != (components is None):
+        raise ValueError(f"'components' is needed by 'kmeans-pca' and by nothing else; got {method!r} and {components}")
+    if (method == "custom") != (k is None):
+        raise ValueError(f"'k' is needed by k-means and not by 'custom'; got method {method!r} and k = {k}")
+    samples = samples_of(database)
+    if k is None:
+        return _by_mode(samples)
+    return _by_kmeans(samples, method, k, components, seed, n_init)
+
+
+def _by_mode(samples: Samples) -> Labels:
+    present, values = np.unique(samples.mode, return_inverse=True)
+    names = samples.problem.modes.names
+    if present[0] < 0 or present[-1] >= len(names):
+        raise ValueError(f"modes must lie in 0 … {len(names) - 1}, got {present.tolist()}")
+    return Labels(values, tuple(names[mode] for mode in present), "custom", {"modes": present.tolist()})
+
+
+def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, seed: int, n_init: int) -> Labels:
+    trajectory, count = samples.trajectory, len(samples.parameters)
+    if not 1 <= k <= count:
+        raise ValueError(f"k must lie in 1 … {count}, the number of samples; got {k}")
+    fitted_on = np.arange(count)
+    if count > FITTED:
+        fitted_on = np.sort(np.random.default_rng(seed).permutation(count)[:FITTED])
+    flat = trajectory[fitted_on].flat()
+    scaler = Standardizer.fit(flat)
+    features = scaler.scale(flat)
+    settings: dict[str, Any] = {"k": k, "seed": seed, "n_init": n_init}
+    projection: PCA | None = None
+    if components is not None:
+        if not 1 <= components <= min(features.shape):
+            raise ValueError(f"components must lie in 1 … {min(features.shape)}, got {components}")
+        projection = PCA(n_components=components, svd_solver="full").fit(features)
+        features = projection.transform(features)
+        settings |= {"components": components, "explained": float(projection.explained_variance_ratio_.sum())}
+    fitted = KMeans(n_clusters=k, n_init=n_init, random_state=seed).fit(features)
+    labels = fitted.labels_
+    if count > FITTED:
+
+        def nearest(rows: slice) -> NDArray[np.int64]:
+            values = scaler.scale(trajectory[rows].flat())
+            return np.asarray(fitted.predict(values if projection is None else projection.transform(values)))
+
+        labels = np.concatenate([nearest(rows) for rows in blocks(count)])
+        settings["fitted_on"] = FITTED
+    # Identical trajectories can leave fewer clusters than asked for.
+    present, values = np.unique(labels, return_inverse=True)
+    settings["inertia"] = float(fitted.inertia_)
+    return Labels(values, tuple(f"cluster {i}" for i in range(len(present))), method, settings)

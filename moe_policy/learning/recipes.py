@@ -1,0 +1,81 @@
+"""How each named planner is made: one place that the training script, the comparison and the tests share.
+
+snn                          one network
+moe-custom                   a mixture over the problem's own modes, trained decoupled
+moe-kmeans-<k>               the same over k-means clusters of the trajectories
+moe-kmeans-pca-<k>           the same after a projection on 5 principal components
+moe-random                   a mixture with as many experts as moe-custom, trained jointly from random weights
+moe-retrained-argmax         moe-custom, trained on as one network with argmax
+moe-retrained-softmax-<ε>    the same with softmax at ε, for instance 1 or 0.1
+nearest                      the stored solution of the nearest stored parameter
+"""
+
+from __future__ import annotations
+
+import re
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+from moe_policy.learning.clustering import cluster
+from moe_policy.learning.fitting import DEFAULT, TrainingSettings
+from moe_policy.learning.training import fit_mixture, fit_mixture_jointly, fit_single, retrain
+from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.networks import ARGMAX, Mixing, Softmax
+from ocp_envs.data.samples import Samples, SampleSource
+
+PRINCIPAL_COMPONENTS = 5
+FORMS = (
+    "snn",
+    "moe-custom",
+    "moe-kmeans-<k>",
+    "moe-kmeans-pca-<k>",
+    "moe-random",
+    "moe-retrained-argmax",
+    "moe-retrained-softmax-<epsilon>",
+    "nearest",
+)
+
+
+def make(
+    name: str,
+    database: Samples | SampleSource,
+    *,
+    settings: TrainingSettings = DEFAULT,
+    seed: int = 0,
+    executor: Executor | None = None,
+    checkpoints: Path | None = None,
+) -> NetworkPlanner | NearestPlanner:
+    """Make the planner called ``name`` from a database.
+
+    Args:
+        name: see the module's table.
+        database: a Database or its samples.
+        settings: how networks are trained.
+        seed: of clustering and training.
+        executor: trains the networks of a mixture side by side.
+        checkpoints: folder for the states of this training, as for :func:`~moe_policy.learning.training.fit_single`.
+
+    Raises:
+        ValueError: no such recipe.
+    """
+    if name == "nearest":
+        return NearestPlanner(database)
+    how: Any = {"settings": settings, "seed": seed, "checkpoints": checkpoints}
+    if name == "snn":
+        return fit_single(database, **how)
+    if name == "moe-custom":
+        return fit_mixture(database, cluster(database, "custom"), executor=executor, **how)
+    if found := re.fullmatch(r"moe-(kmeans|kmeans-pca)-(\d+)", name):
+        components = PRINCIPAL_COMPONENTS if found[1] == "kmeans-pca" else None
+        labels = cluster(database, found[1], k=int(found[2]), components=components, seed=seed)
+        return fit_mixture(database, labels, executor=executor, **how)
+    if name == "moe-random":
+        return fit_mixture_jointly(database, cluster(database, "custom").k, **how)
+    if found := re.fullmatch(r"moe-retrained-(argmax|softmax-([\d.]+))", name):
+        mixing: Mixing = Softmax(float(found[2])) if found[2] else ARGMAX
+        trained = make("moe-custom", database, executor=executor, **how)
+        assert isinstance(trained, NetworkPlanner)
+        return retrain(trained, database, mixing, **how)
+    raise ValueError(f"no recipe for {name!r}; expected one of {', '.join(FORMS)}")

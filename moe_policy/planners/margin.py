@@ -1,0 +1,52 @@
+"""A planner that keeps a margin: it is asked for the plan of a harder problem nearby, say round a larger sphere.
+
+A network's plans are off by some centimetres, and an optimal plan touches its constraint, so nearly every plan of a
+network enters the sphere a little. The cure that Tang & Hauser (2019) name is a margin on the modelled obstacle; it
+costs what the detour costs.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from moe_policy.protocols import Planner
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+
+class WithMargin:
+    """Plans of ``planner`` for parameters of which one is larger by ``margin``.
+
+    Beyond the parameter box the planner extrapolates.
+
+    Args:
+        problem: the problem.
+        planner: what plans.
+        parameter: name of the parameter that is enlarged, such as ``"radius"``.
+        margin: by how much, in the parameter's unit.
+        name: short name for tables; by default that of the planner with the margin.
+
+    Raises:
+        ValueError: no such parameter, one that is part of the start state, or a margin that is not finite.
+    """
+
+    def __init__(
+        self, problem: OptimalControlProblem, planner: Planner, parameter: str, margin: float, name: str | None = None
+    ) -> None:
+        if parameter not in problem.context.names or parameter not in problem.parameters.names:
+            raise ValueError(
+                f"{problem.id}: expected a parameter of the context {problem.context.names}, got {parameter!r}; "
+                "another start would be another task"
+            )
+        if not math.isfinite(margin):
+            raise ValueError(f"the margin must be finite, got {margin}")
+        self.problem, self.planner, self.margin = problem, planner, margin
+        self.name = name or f"{getattr(planner, 'name', 'planner')}, {parameter} + {margin:g}"
+        self._shift = margin * (np.array(problem.parameters.names) == parameter)
+
+    def __call__(self, p: ArrayLike) -> Trajectory:
+        """Plans of parameters (B, np) or (np,)."""
+        return self.planner(self.problem.check_parameters(p, extrapolate=True) + self._shift)

@@ -1,0 +1,73 @@
+"""The nearest stored solution as a planner."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from moe_policy.store import ModelFile, write_model
+from ocp_envs.data.samples import Samples, SampleSource, samples_of
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+
+class NearestPlanner:
+    """The stored solution of the nearest stored parameter, every coordinate of p divided by the width of its box.
+
+    Args:
+        database: a Database or its samples.
+        name: short name for tables.
+    """
+
+    def __init__(self, database: Samples | SampleSource, name: str = "nearest") -> None:
+        samples = samples_of(database)
+        self.problem, self.name = samples.problem, name
+        self.parameters, self.trajectory, self.mode = samples.parameters, samples.trajectory, samples.mode
+        self._width = self.problem.parameters.upper - self.problem.parameters.lower
+        self._tree = cKDTree(self.parameters / self._width)
+
+    def samples(self) -> Samples:
+        """What is stored, as samples to learn or to start from."""
+        return Samples.of(self.problem, self.parameters, self.trajectory, self.mode)
+
+    def neighbours(self, p: ArrayLike, k: int = 1) -> NDArray[np.int64]:
+        """Rows of the ``k`` nearest stored parameters, nearest first, (B, k)."""
+        if not 1 <= k <= len(self.parameters):
+            raise ValueError(f"k must lie in 1 … {len(self.parameters)}, the number of stored samples; got {k}")
+        checked = self.problem.check_parameters(p, extrapolate=True)
+        return np.asarray(self._tree.query(checked / self._width, k=range(1, k + 1))[1], dtype=np.int64)
+
+    def __call__(self, p: ArrayLike) -> Trajectory:
+        """Plans of parameters (B, np) or (np,)."""
+        return self.trajectory[self.neighbours(p)[:, 0]]
+
+    @property
+    def parameters_total(self) -> int:
+        """Number of stored values."""
+        return len(self.parameters) * (len(self.problem.parameters) + self.problem.flat_size)
+
+    @property
+    def parameters_active(self) -> int:
+        """Number of values that take part in one plan."""
+        return len(self.problem.parameters) + self.problem.flat_size
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write ``<path>.safetensors`` and ``<path>.json``; trajectories in float32, parameters in float64."""
+        tensors: dict[str, NDArray[Any]] = {
+            "parameters": self.parameters,
+            "trajectories": self.trajectory.flat().astype(np.float32),
+            "modes": self.mode.astype(np.int64),
+        }
+        write_model(path, "nearest", self.problem, tensors, {"name": self.name})
+
+
+def read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlanner:
+    """The planner that :meth:`NearestPlanner.save` wrote."""
+    system, parameters = problem.system, file.tensors["parameters"]
+    trajectory = Trajectory.from_flat(file.tensors["trajectories"], problem.knots, system.nx, system.nu)
+    stored = Samples.of(problem, parameters, trajectory, file.tensors["modes"])
+    return NearestPlanner(stored, file.description["name"])

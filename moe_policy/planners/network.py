@@ -1,0 +1,178 @@
+"""Networks as planners p → Trajectory.
+
+A plan is returned as it was predicted: its duration is not clipped to the problem's bounds and its first state need not
+be the start. Whoever follows a plan decides what to do about that.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import ArrayLike, NDArray
+
+from moe_policy.planners.networks import (
+    ARGMAX,
+    Argmax,
+    Mixing,
+    MixtureOfExperts,
+    SingleNetwork,
+    Softmax,
+    count_parameters,
+)
+from moe_policy.planners.record import TrainingReport
+from moe_policy.planners.scaling import Array, Standardizer
+from moe_policy.store import ModelFile, write_model
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+
+def _mixing_record(mixing: Mixing) -> dict[str, Any]:
+    return {"softmax": mixing.epsilon} if isinstance(mixing, Softmax) else {"argmax": None}
+
+
+def _mixing_from(record: Mapping[str, Any]) -> Mixing:
+    return Softmax(record["softmax"]) if "softmax" in record else Argmax()
+
+
+@dataclass(frozen=True, eq=False)
+class NetworkPlanner:
+    """A single network or a mixture of experts, with the scalers of its training split.
+
+    Args:
+        problem: what it plans for.
+        name: short name for tables.
+        network: from standardised p to standardised flat trajectories, float32.
+        inputs: scaler of p, (np,).
+        outputs: scaler of flat trajectories, (flat_size,).
+        mixing: how a mixture combines its experts; a single network ignores it.
+        details: how it was made, as JSON: settings, seed, clusters, summary of the training.
+        report: the full record of the training; not saved, ``None`` after loading.
+    """
+
+    problem: OptimalControlProblem
+    name: str
+    network: SingleNetwork | MixtureOfExperts
+    inputs: Standardizer
+    outputs: Standardizer
+    mixing: Mixing = ARGMAX
+    details: Mapping[str, Any] = field(default_factory=dict)
+    report: TrainingReport | None = None
+
+    def __post_init__(self) -> None:
+        network = self.network
+        experts: list[Any] = list(network.experts) if isinstance(network, MixtureOfExperts) else [network]
+        expected = (len(self.problem.parameters), self.problem.flat_size)
+        ends = {(expert.sizes[0], expert.sizes[-1]) for expert in experts}
+        if ends != {expected} or (len(self.inputs), len(self.outputs)) != expected:
+            raise ValueError(
+                f"{self.problem.id}: expected networks and scalers from {expected[0]} to {expected[1]} values, got "
+                f"networks {sorted(ends)} and scalers {(len(self.inputs), len(self.outputs))}"
+            )
+
+    # -- planning --------------------------------------------------------------------------------------------------
+
+    def _scaled(self, p: ArrayLike) -> torch.Tensor:
+        checked = self.problem.check_parameters(p, extrapolate=True)
+        return torch.from_numpy(self.inputs.scale(checked).astype(np.float32))
+
+    def _trajectory(self, outputs: torch.Tensor) -> Trajectory:
+        flat = self.outputs.unscale(outputs.numpy())
+        system = self.problem.system
+        return Trajectory.from_flat(flat, self.problem.knots, system.nx, system.nu)
+
+    def __call__(self, p: ArrayLike) -> Trajectory:
+        """Plans of parameters (B, np) or (np,), a batch of B or of one.
+
+        Raises:
+            ValueError: wrong shape, or a value that is not finite. Values outside the parameter box are extrapolated.
+        """
+        x = self._scaled(p)
+        with torch.inference_mode():
+            mixture = isinstance(self.network, MixtureOfExperts)
+            return self._trajectory(self.network(x, self.mixing) if mixture else self.network(x))
+
+    @property
+    def _mixture(self) -> MixtureOfExperts:
+        if not isinstance(self.network, MixtureOfExperts):
+            raise TypeError(f"{self.name} is a single network and has neither gate nor experts")
+        return self.network
+
+    def gate(self, p: ArrayLike) -> tuple[NDArray[np.int64], Array]:
+        """The chosen expert (B,), and the gate's probabilities softmax(c) (B, r)."""
+        x = self._scaled(p)
+        with torch.inference_mode():
+            logits = self._mixture.gate(x)
+            return logits.argmax(dim=1).numpy(), torch.softmax(logits.double(), dim=1).numpy()
+
+    def experts(self, p: ArrayLike) -> tuple[Trajectory, ...]:
+        """The plans of every expert, r batches of B."""
+        x = self._scaled(p)
+        with torch.inference_mode():
+            return tuple(self._trajectory(outputs) for outputs in self._mixture.all_experts(x))
+
+    def with_mixing(self, mixing: Mixing) -> NetworkPlanner:
+        """The same mixture with another way to combine its experts."""
+        assert self._mixture
+        return dataclasses.replace(self, mixing=mixing)
+
+    # -- size ------------------------------------------------------------------------------------------------------
+
+    @property
+    def parameters_total(self) -> int:
+        """Number of weights."""
+        return count_parameters(self.network)
+
+    @property
+    def parameters_active(self) -> int:
+        """Largest number of weights that take part in one plan: the gate and one expert where argmax chooses."""
+        if isinstance(self.network, SingleNetwork) or isinstance(self.mixing, Softmax):
+            return self.parameters_total
+        return count_parameters(self.network.gate) + max(count_parameters(e) for e in self.network.experts)
+
+    # -- files -----------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write ``<path>.safetensors`` and ``<path>.json``."""
+        network = self.network
+        if isinstance(network, MixtureOfExperts):
+            sizes: dict[str, Any] = {"gate": network.gate.sizes, "experts": [e.sizes for e in network.experts]}
+        else:
+            sizes = {"single": network.sizes}
+        tensors = {f"network.{key}": value.numpy() for key, value in network.state_dict().items()}
+        for name, scaler in (("inputs", self.inputs), ("outputs", self.outputs)):
+            tensors |= {f"{name}.mean": np.asarray(scaler.mean), f"{name}.std": np.asarray(scaler.std)}
+        description = {
+            "name": self.name,
+            "sizes": sizes,
+            "mixing": _mixing_record(self.mixing),
+            "details": dict(self.details),
+        }
+        write_model(path, "network", self.problem, tensors, description)
+
+
+def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlanner:
+    """The planner that :meth:`NetworkPlanner.save` wrote."""
+    sizes, tensors = file.description["sizes"], file.tensors
+    network: SingleNetwork | MixtureOfExperts
+    if "single" in sizes:
+        network = SingleNetwork(sizes["single"])
+    else:
+        network = MixtureOfExperts(SingleNetwork(sizes["gate"]), [SingleNetwork(s) for s in sizes["experts"]])
+    prefix = "network."
+    state = {k.removeprefix(prefix): torch.from_numpy(np.array(v)) for k, v in tensors.items() if k.startswith(prefix)}
+    network.load_state_dict(state)
+    return NetworkPlanner(
+        problem,
+        file.description["name"],
+        network,
+        Standardizer(tensors["inputs.mean"], tensors["inputs.std"]),
+        Standardizer(tensors["outputs.mean"], tensors["outputs.std"]),
+        _mixing_from(file.description["mixing"]),
+        file.description["details"],
+    )

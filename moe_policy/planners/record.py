@@ -1,0 +1,76 @@
+"""How a planner was trained: the record that travels with its weights."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class PartReport:
+    """The training of one network, or of a whole mixture at once.
+
+    Args:
+        name: ``"single"``, ``"gate"``, ``"expert 0"`` …, ``"mixture"``.
+        training_samples, test_samples: sizes of its splits.
+        training_losses, test_losses: mean loss of every epoch.
+        best_epoch: the epoch (from 0) whose weights were kept.
+        test_loss: their loss on the test split: smooth L1 on standardised outputs, cross entropy for a gate.
+        seconds: wall time.
+        accuracy: a gate's share of correct choices on the test split.
+    """
+
+    name: str
+    training_samples: int
+    test_samples: int
+    training_losses: tuple[float, ...]
+    test_losses: tuple[float, ...]
+    best_epoch: int
+    test_loss: float
+    seconds: float
+    accuracy: float | None = None
+
+    @property
+    def epochs(self) -> int:
+        """Epochs that were run."""
+        return len(self.test_losses)
+
+    def summary(self) -> dict[str, Any]:
+        """The record without its curves."""
+        record = asdict(self)
+        del record["training_losses"], record["test_losses"]
+        return record | {"epochs": self.epochs}
+
+
+@dataclass(frozen=True)
+class TrainingReport:
+    """All parts of one training, in order.
+
+    Args:
+        parts: the networks that were trained.
+        test_error: smooth L1 on standardised outputs of the finished planner on the test split.
+    """
+
+    parts: tuple[PartReport, ...]
+    test_error: float
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of all parts."""
+        return sum(part.seconds for part in self.parts)
+
+    def part(self, name: str) -> PartReport:
+        """The part called ``name``.
+
+        Raises:
+            KeyError: no such part.
+        """
+        for part in self.parts:
+            if part.name == name:
+                return part
+        raise KeyError(f"no part {name!r}; there are {[part.name for part in self.parts]}")
+
+    def summary(self) -> dict[str, Any]:
+        """What is saved with a model."""
+        parts = [part.summary() for part in self.parts]
+        return {"test_error": self.test_error, "seconds": self.seconds, "parts": parts}

@@ -1,0 +1,48 @@
+"""A planner that uses the symmetry of its problem, of which a trained network knows nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from moe_policy.protocols import Planner
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.trajectory import Trajectory
+
+#: Largest difference of two plans of one family, in units of the coordinates' scales.
+AGREEMENT = 0.5
+
+
+class Symmetrised:
+    """The mean of a plan and of the mirror image of the plan of the mirrored problem.
+
+    Both are predictions of the same trajectory, and their errors are not the same. Where they are further apart than
+    predictions of one trajectory are, they belong to different families, between which a mean is of no use: there the
+    first one is the plan.
+
+    Args:
+        problem: a problem with a ``symmetry``.
+        planner: what plans.
+        name: short name for tables; by default that of the planner and of the symmetry.
+
+    Raises:
+        ValueError: a problem without a symmetry.
+    """
+
+    def __init__(self, problem: OptimalControlProblem, planner: Planner, name: str | None = None) -> None:
+        if problem.symmetry is None:
+            raise ValueError(f"{problem.id} declares no symmetry")
+        self.problem, self.planner, self.symmetry = problem, planner, problem.symmetry
+        self.name = name or f"{getattr(planner, 'name', 'planner')}, {self.symmetry.name}"
+
+    def __call__(self, p: ArrayLike) -> Trajectory:
+        """Plans of parameters (B, np) or (np,)."""
+        problem, symmetry = self.problem, self.symmetry
+        parameters = problem.check_parameters(p, extrapolate=True)
+        states, contexts = problem.start(parameters)
+        mirrored = problem.parameters_of(symmetry.states(states), symmetry.contexts(contexts))
+        plan, other = self.planner(parameters), symmetry.trajectories(self.planner(mirrored))
+        apart = np.abs(plan.states - other.states) / problem.system.state.scale
+        agree = apart.max(axis=(1, 2)) < AGREEMENT
+        mean = np.where(agree[:, None], (plan.flat() + other.flat()) / 2, plan.flat())
+        return Trajectory.from_flat(mean, problem.knots, problem.system.nx, problem.system.nu)

@@ -1,0 +1,257 @@
+"""What a reinforcement learner is made from: settings that build it, and that take the actor out of it again.
+
+SAC: Haarnoja et al., *Soft actor-critic algorithms and applications* (2018). PPO: Schulman et al., *Proximal policy
+optimization algorithms* (2017). TQC: Kuznetsov et al., *Controlling overestimation bias with truncated mixture of
+continuous distributional quantile critics* (2020). They are Stable-Baselines3's, TQC that of its companion sb3-contrib,
+and imported when a learner is built.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import torch
+from torch import nn
+
+from moe_policy.rl.actor import Actor
+from moe_policy.rl.wrappers import Actions
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+    from moe_policy.rl.vec_env import SB3VecEnv
+
+
+@dataclass(frozen=True, kw_only=True)
+class RLSettings:
+    """What SAC and PPO have in common.
+
+    Args:
+        steps: decisions to learn from, all environments together.
+        period: seconds between two decisions.
+        gamma: discount of one decision.
+        n_envs: environments side by side.
+        hidden: neurons of the hidden layers, of actor and critics alike.
+        learning_rate: of Adam, falling linearly to ``final_learning_rate``.
+        final_learning_rate: at the last step.
+        batch_size: samples of one gradient step.
+        evaluate_every: steps between two evaluations on the development parameters.
+        reward_scale: factor of all rewards.
+        shaping: weight of the distance to the goal in a potential added to the rewards, 0 for none; see
+            :class:`moe_policy.rl.wrappers.VectorShapedReward`.
+        violation_price: cost per second and unit of violation of the path constraints, for problems that have any.
+        largest_cost: the most that one step costs the learner, ``None`` for what it costs; leaving the box costs more
+            than an episode can.
+        distance_price: cost per second and unit of goal error that is added to the problem's.
+        near_starts: share of the training episodes that start nearer to the goal than in the benchmark, see
+            :class:`moe_policy.rl.wrappers.VectorNearStarts`.
+        seed: of everything random in the training.
+
+    Raises:
+        ValueError: a value out of its range, named.
+    """
+
+    algorithm: ClassVar[str]
+
+    steps: int
+    period: float = 0.1
+    gamma: float = 0.995
+    n_envs: int = 8
+    hidden: tuple[int, ...] = (64, 64)
+    learning_rate: float = 1e-3
+    final_learning_rate: float = 1e-4
+    batch_size: int = 256
+    evaluate_every: int = 10_000
+    reward_scale: float = 1.0
+    shaping: float = 0.0
+    violation_price: float = 0.0
+    largest_cost: float | None = None
+    distance_price: float = 0.0
+    near_starts: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "hidden", tuple(self.hidden))
+        positive = ("steps", "period", "n_envs", "learning_rate", "batch_size", "evaluate_every", "reward_scale")
+        for name in positive:
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if not 0 <= self.near_starts <= 1:
+            raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
+        for name in ("shaping", "violation_price", "distance_price"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must be at least 0, got {getattr(self, name)}")
+        if self.largest_cost is not None and not self.largest_cost > 0:
+            raise ValueError(f"largest_cost must be positive or None, got {self.largest_cost}")
+        if not 0 < self.gamma <= 1:
+            raise ValueError(f"gamma must be in (0, 1], got {self.gamma}")
+        if not 0 <= self.final_learning_rate <= self.learning_rate:
+            raise ValueError(
+                f"final_learning_rate must be between 0 and learning_rate = {self.learning_rate}, "
+                f"got {self.final_learning_rate}"
+            )
+
+    def rate(self, remaining: float) -> float:
+        """Learning rate when the share ``remaining`` of the steps is left."""
+        return self.final_learning_rate + remaining * (self.learning_rate - self.final_learning_rate)
+
+    def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
+        """The untrained learner of Stable-Baselines3."""
+        raise NotImplementedError
+
+    def actor(self, learner: Any) -> Actor:
+        """A copy of the learner's actor, without its noise."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class SACSettings(RLSettings):
+    """Soft actor-critic; the defaults are those of the shipped pendulum policy.
+
+    Args:
+        buffer_size: transitions remembered.
+        learning_starts: random steps before the first gradient step.
+        gradient_steps: gradient steps for every step of all environments together.
+        tau: share of the critics that moves into the target critics at each gradient step.
+        entropy: weight of the entropy: a number, ``"auto"`` (tuned until the entropy is −1 nat for each control) or
+            that with the weight to begin with, ``"auto_0.1"``.
+    """
+
+    algorithm: ClassVar[str] = "sac"
+
+    steps: int = 240_000
+    buffer_size: int = 200_000
+    learning_starts: int = 10_000
+    gradient_steps: int = 4
+    tau: float = 0.01
+    entropy: str | float = "auto_0.1"
+
+    def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
+        """The untrained learner of Stable-Baselines3."""
+        from stable_baselines3 import SAC
+
+        return SAC("MlpPolicy", env, **self._arguments())
+
+    def _arguments(self) -> dict[str, Any]:
+        return {
+            "learning_rate": self.rate,
+            "buffer_size": self.buffer_size,
+            "learning_starts": self.learning_starts,
+            "batch_size": self.batch_size,
+            "tau": self.tau,
+            "gamma": self.gamma,
+            "train_freq": 1,
+            "gradient_steps": self.gradient_steps,
+            "ent_coef": self.entropy,
+            "policy_kwargs": {"net_arch": list(self.hidden)},
+            "seed": self.seed,
+            "device": "cpu",
+        }
+
+    def actor(self, learner: Any) -> Actor:
+        """A copy of the learner's actor, without its noise."""
+        network = learner.policy.actor
+        return Actor.of_layers([*_linear(network.latent_pi), network.mu], "relu", "tanh")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TQCSettings(SACSettings):
+    """Truncated quantile critics: SAC whose two critics tell 25 quantiles of the return each, cut off from above.
+
+    Args:
+        dropped: quantiles of each critic that are left out from above.
+    """
+
+    algorithm: ClassVar[str] = "tqc"
+
+    dropped: int = 2
+
+    def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
+        """The untrained learner of sb3-contrib.
+
+        Raises:
+            ImportError: it is not installed.
+        """
+        try:
+            from sb3_contrib import TQC
+        except ImportError as error:
+            raise ImportError(f"TQC needs sb3-contrib: pip install 'ocp-moe[tqc]' ({error})") from error
+
+        learner: BaseAlgorithm = TQC("MlpPolicy", env, top_quantiles_to_drop_per_net=self.dropped, **self._arguments())
+        return learner
+
+
+#: For a comparison made anew within minutes: a third of the steps, with the discount of the trial of that length.
+SHORT_SAC = SACSettings(steps=80_000, gamma=0.99)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOSettings(RLSettings):
+    """Proximal policy optimisation on many environments at once; the first actions are about the goal's control.
+
+    Args:
+        n_steps: steps of each environment between two updates.
+        n_epochs: passes over them in an update.
+        gae_lambda: weight of generalised advantage estimation.
+        clip_range: bound of the probability ratio.
+        entropy: weight of the entropy.
+        log_std: logarithm of the initial standard deviation of actions.
+    """
+
+    algorithm: ClassVar[str] = "ppo"
+
+    steps: int = 3_000_000
+    n_envs: int = 64
+    learning_rate: float = 3e-4
+    final_learning_rate: float = 0.0
+    batch_size: int = 1024
+    evaluate_every: int = 100_000
+    n_steps: int = 64
+    n_epochs: int = 10
+    gae_lambda: float = 0.95
+    clip_range: float = 0.2
+    entropy: float = 0.0
+    log_std: float = 0.0
+
+    def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
+        """The untrained learner of Stable-Baselines3."""
+        from stable_baselines3 import PPO
+
+        learner = PPO(
+            "MlpPolicy",
+            env,
+            learning_rate=self.rate,
+            n_steps=self.n_steps,
+            batch_size=self.batch_size,
+            n_epochs=self.n_epochs,
+            gamma=self.gamma,
+            gae_lambda=self.gae_lambda,
+            clip_range=self.clip_range,
+            ent_coef=self.entropy,
+            policy_kwargs={"net_arch": list(self.hidden), "log_std_init": self.log_std},
+            seed=self.seed,
+            device="cpu",
+        )
+        problem = env.get_attr("problem")[0]
+        bias: Any = learner.policy.action_net.bias
+        with torch.no_grad():
+            bias += torch.from_numpy(Actions(problem).actions(problem.goal.control)).float()
+        return learner
+
+    def actor(self, learner: Any) -> Actor:
+        """A copy of the learner's actor, without its noise."""
+        policy = learner.policy
+        return Actor.of_layers([*_linear(policy.mlp_extractor.policy_net), policy.action_net], "tanh", "clip")
+
+
+def _linear(network: nn.Sequential) -> list[nn.Linear]:
+    return [layer for layer in network if isinstance(layer, nn.Linear)]
+
+
+#: The settings of every algorithm.
+ALGORITHMS: Mapping[str, type[SACSettings] | type[PPOSettings]] = MappingProxyType(
+    {settings.algorithm: settings for settings in (SACSettings, PPOSettings, TQCSettings)}
+)

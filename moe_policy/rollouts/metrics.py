@@ -1,0 +1,193 @@
+"""Episodes → figures, and how long planning takes."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binomtest
+
+from moe_policy.protocols import Planner
+from moe_policy.rollouts.episodes import Episodes
+from ocp_envs.problem import OptimalControlProblem
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Share:
+    """``count`` of ``total``, with the Wilson interval at 95 % confidence.
+
+    The interval is that of Wilson, *Probable inference, the law of succession, and statistical inference* (1927); it
+    stays inside [0, 1] and is of use at 0 and at ``total``.
+    """
+
+    count: int
+    total: int
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.count <= self.total or self.total == 0:
+            raise ValueError(f"expected 0 ≤ count ≤ total and total > 0, got {self.count} of {self.total}")
+
+    @property
+    def fraction(self) -> float:
+        return self.count / self.total
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Lower and upper bound of the true fraction."""
+        interval = binomtest(self.count, self.total).proportion_ci(0.95, method="wilson")
+        return float(interval.low), float(interval.high)
+
+    def record(self) -> dict[str, Any]:
+        """As JSON."""
+        return {"count": self.count, "total": self.total, "fraction": self.fraction, "interval": list(self.interval)}
+
+    @classmethod
+    def of(cls, flags: NDArray[np.bool_]) -> Share:
+        """How many of ``flags`` (B,) are set."""
+        return cls(int(np.count_nonzero(flags)), len(flags))
+
+
+@dataclass(frozen=True)
+class CostRatio:
+    """Σ cost / Σ cost of a baseline over the ``episodes`` that both bring into the goal ball; ``None`` if it is 0/0."""
+
+    ratio: float | None
+    episodes: int
+
+
+@dataclass(frozen=True)
+class Metrics:
+    """Figures of one policy.
+
+    Args:
+        reached: entered the goal ball.
+        success: in the goal ball at the judging time.
+        success_at_plan_end: in the goal ball at the plan's end, before any hold; ``None`` without a plan.
+        plan_end_error_median, plan_end_error_95: quantiles of the error at the plan's end; ``None`` without a plan.
+        final_error_median, final_error_95: quantiles of the error at the judging time.
+        cost_ratio: against a baseline, usually the tracked optimal plans; ``None`` without one.
+        left_box: episodes that left the operating box.
+        clipped: plans whose duration was clipped.
+        rejected: plans that were not finite.
+        violation_mean, violation_max: violation of the path constraints over the whole path; ``None`` without any.
+        knot_violation_mean, knot_violation_max: the same at the plan's knots; ``None`` without plan or constraints.
+    """
+
+    reached: Share
+    success: Share
+    success_at_plan_end: Share | None
+    plan_end_error_median: float | None
+    plan_end_error_95: float | None
+    final_error_median: float
+    final_error_95: float
+    cost_ratio: CostRatio | None
+    left_box: int
+    clipped: int
+    rejected: int
+    violation_mean: float | None
+    violation_max: float | None
+    knot_violation_mean: float | None
+    knot_violation_max: float | None
+
+    def record(self) -> dict[str, Any]:
+        """As JSON: shares with their intervals, absent figures as ``None``."""
+        record = asdict(self)
+        for name in ("reached", "success", "success_at_plan_end"):
+            share = getattr(self, name)
+            record[name] = None if share is None else share.record()
+        return record
+
+
+def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episodes | None = None) -> Metrics:
+    """The figures of ``episodes``.
+
+    Args:
+        problem: the problem they ran on.
+        episodes: at least one.
+        baseline: the same starts under the policy that costs are compared with.
+
+    Raises:
+        ValueError: no episodes, or a baseline from other starts.
+    """
+    if len(episodes) == 0:
+        raise ValueError("expected at least one episode")
+    planned = bool(np.isfinite(episodes.plan_end_error).any())
+    constrained = problem.n_clearances > 0
+    at_end = _quantiles(episodes.plan_end_error) if planned else (None, None)
+    final = _quantiles(episodes.final_error)
+    path = _mean_and_max(episodes.violation) if constrained else (None, None)
+    knots = _mean_and_max(episodes.knot_violation) if constrained and planned else (None, None)
+    return Metrics(
+        reached=Share.of(episodes.reached),
+        success=Share.of(episodes.success),
+        success_at_plan_end=Share.of(episodes.plan_end_error < problem.goal.radius) if planned else None,
+        plan_end_error_median=at_end[0],
+        plan_end_error_95=at_end[1],
+        final_error_median=float(final[0]),
+        final_error_95=float(final[1]),
+        cost_ratio=None if baseline is None else cost_ratio(episodes, baseline),
+        left_box=int(episodes.left_box.sum()),
+        clipped=int(episodes.clipped.sum()),
+        rejected=int(episodes.rejected.sum()),
+        violation_mean=path[0],
+        violation_max=path[1],
+        knot_violation_mean=knots[0],
+        knot_violation_max=knots[1],
+    )
+
+
+def _quantiles(errors: Array) -> tuple[float, float]:
+    median, high = np.nanquantile(errors, [0.5, 0.95])
+    return float(median), float(high)
+
+
+def _mean_and_max(violation: Array) -> tuple[float | None, float | None]:
+    """Over the episodes that have a figure: a rejected plan has no knots."""
+    values = violation[np.isfinite(violation)]
+    return (float(values.mean()), float(values.max())) if len(values) else (None, None)
+
+
+def cost_ratio(episodes: Episodes, baseline: Episodes) -> CostRatio:
+    """Σcost / Σcost of ``baseline`` over the starts that both bring into the goal ball.
+
+    Raises:
+        ValueError: the two ran from different starts.
+    """
+    if not np.array_equal(episodes.parameters, baseline.parameters):
+        raise ValueError(
+            "the costs of episodes can only be compared with a baseline from the same parameters, in order"
+        )
+    both = episodes.reached & baseline.reached
+    total = float(baseline.cost[both].sum())
+    ratio = float(episodes.cost[both].sum()) / total if total > 0 else None
+    return CostRatio(ratio, int(both.sum()))
+
+
+def time_planner(
+    planner: Planner, parameters: ArrayLike, batches: tuple[int, ...] = (1, 1000), repeats: int = 5
+) -> dict[int, float]:
+    """Seconds per plan for each size of batch: the median over ``repeats`` calls after one to warm up.
+
+    Args:
+        planner: parameters (B, np) → plans.
+        parameters: (n, np), n ≥ 1; repeated to fill a batch, and each call gets other rows where there are enough.
+        batches: sizes of a call.
+        repeats: timed calls for each size.
+    """
+    p = np.asarray(parameters, dtype=np.float64)
+    seconds = {}
+    for batch in batches:
+        rows = np.arange((repeats + 1) * batch).reshape(repeats + 1, batch) % len(p)
+        planner(p[rows[0]])
+        taken = []
+        for chosen in rows[1:]:
+            began = time.perf_counter()
+            planner(p[chosen])
+            taken.append(time.perf_counter() - began)
+        seconds[batch] = float(np.median(taken)) / batch
+    return seconds

@@ -1,0 +1,1 @@
+"""Databases of optimal trajectories and their generation."""

@@ -1,0 +1,1 @@
+"""Simulation, and the Gymnasium environments on it."""

@@ -1,0 +1,1 @@
+"""Sets of problem instances: random, near a discontinuity, outside the parameter box; reference costs."""

@@ -1,0 +1,92 @@
+"""Parameters outside the box: how far they lie beyond it, and draws at a given distance.
+
+With centre c and half width w of a coordinate of the parameter box, the *excess* of p is
+
+    e(p) = max over coordinates of (|p − c| / w − 1),
+
+below 0 inside the box. Coordinates that cover a whole turn of a periodic state coordinate are left out: beyond one end
+of them lie the starts of the other end. Draws with e(p) in [low, high] are uniform on that shell round the box, and
+where the problem names the problem free of its path constraint on the same condition as inside: that the constraint
+matters (:mod:`ocp_envs.sets.sampling`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets.sampling import sample
+from ocp_envs.system import Array, Box
+
+#: Rows of a draw are drawn so many at once; fewer where they are few.
+_BLOCK = 1_000
+_WHOLE = 1 - 1e-9
+
+
+def open_coordinates(problem: OptimalControlProblem) -> NDArray[np.bool_]:
+    """Which coordinates of p have an outside, (np,): all but those that cover a whole turn of a state coordinate."""
+    periods = {c.name: c.period for c in problem.system.state.coordinates if c.period is not None}
+    box = problem.parameters.coordinates
+    return np.array([c.upper - c.lower < periods.get(c.name, np.inf) * _WHOLE for c in box])
+
+
+def excess(problem: OptimalControlProblem, p: Array) -> Array:
+    """e(p) of parameters (B, np), in half widths, (B,).
+
+    Raises:
+        ValueError: no coordinate has an outside.
+    """
+    chosen, box = open_coordinates(problem), problem.parameters
+    if not chosen.any():
+        raise ValueError(f"{problem.id}: every parameter covers a whole turn, so that nothing lies outside")
+    centre, half = (box.upper + box.lower) / 2, (box.upper - box.lower) / 2
+    return np.asarray((np.abs(p - centre) / half - 1)[:, chosen].max(axis=1))
+
+
+def widened(problem: OptimalControlProblem, share: float) -> OptimalControlProblem:
+    """``problem`` with its parameter box wider by ``share`` of the half width at each end that has an outside."""
+    chosen = dict(zip(problem.parameters.names, open_coordinates(problem)))
+
+    def wider(box: Box) -> Box:
+        reach = {c.name: share * chosen[c.name] * (c.upper - c.lower) / 2 for c in box.coordinates}
+        coordinates = (
+            dataclasses.replace(c, lower=c.lower - reach[c.name], upper=c.upper + reach[c.name])
+            for c in box.coordinates
+        )
+        return Box(tuple(coordinates))
+
+    # Under the names of the problems themselves their tables of paths would be looked up, which end at the box.
+    free = problem.free
+    if free is not None:
+        free = dataclasses.replace(free, id=f"{free.id}-widened", parameters=wider(free.parameters))
+    return dataclasses.replace(problem, id=f"{problem.id}-widened", parameters=wider(problem.parameters), free=free)
+
+
+def sample_outside(
+    problem: OptimalControlProblem, seed: int, n: int, beyond: tuple[float, float], *, workers: int | None = 1
+) -> Array:
+    """``n`` parameters with an excess in ``beyond``, (n, np); a smaller draw is the beginning of a larger one.
+
+    Args:
+        problem: the problem.
+        seed: of the draw.
+        n: how many.
+        beyond: least and largest excess, in half widths.
+        workers: processes, where drawing takes an optimiser; ``None`` for one per core.
+
+    Raises:
+        ValueError: an empty shell, or no coordinate that has an outside.
+    """
+    low, high = beyond
+    if not 0 <= low < high:
+        raise ValueError(f"{problem.id}: expected 0 ≤ low < high for how far beyond the box to go, got {beyond}")
+    wide = widened(problem, high)
+    count, found = min(_BLOCK, 2 * n), np.empty((0, len(problem.parameters)))
+    while len(found) < n:
+        drawn = sample(wide, seed, count, workers=workers)  # begins with what was drawn before
+        found = drawn[excess(problem, drawn) > low]
+        count *= 2
+    return found[:n]

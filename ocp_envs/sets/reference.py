@@ -1,0 +1,98 @@
+"""Shipped parameters and reference costs: of the development and validation sets, and of the hard sets.
+
+One table of :mod:`ocp_envs.tables` a set: the parameters, and the best known cost of every mode.
+Parameters are stored rather than drawn again, so that they stay the same whatever a library's random numbers become.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs import tables
+from ocp_envs.data.database import Database
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.system import Array
+from ocp_envs.tables import path_of
+
+SHIPPED = ("development", "validation")
+#: Sets of :mod:`ocp_envs.sets.hard_sets` by name; a problem without a jump has no ``boundary``.
+HARD = ("boundary", "outside")
+
+
+class ReferenceDataError(tables.TableError):
+    """A reference file is missing, damaged or made for another problem."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A set of problems with known optimal costs.
+
+    Args:
+        parameters: (M, np).
+        mode_costs: best known cost of every mode, +inf where none was found, (M, modes).
+    """
+
+    parameters: Array
+    mode_costs: Array
+
+    @property
+    def cost(self) -> Array:
+        """Best known cost, (M,)."""
+        return np.asarray(self.mode_costs.min(axis=1))
+
+    @property
+    def mode(self) -> NDArray[np.int64]:
+        """The mode that has it, (M,)."""
+        return np.asarray(self.mode_costs.argmin(axis=1), dtype=np.int64)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def __getitem__(self, rows: slice) -> Reference:
+        """The problems at ``rows``."""
+        return Reference(self.parameters[rows], self.mode_costs[rows])
+
+
+def save(database: Database, split: str, folder: Path = tables.FOLDER) -> Path:
+    """Write the reference of ``database``, in one step.
+
+    Raises:
+        ReferenceDataError: a problem without a solution.
+    """
+    costs = database.costs()
+    unsolved = int((~np.isfinite(costs).any(axis=1)).sum())
+    if unsolved:
+        raise ReferenceDataError(
+            f"{database.path}: {unsolved} of {len(database)} problems have no solution to refer to"
+        )
+    return write(database.problem, split, Reference(database.parameters, costs), folder)
+
+
+def write(problem: OptimalControlProblem, split: str, reference: Reference, folder: Path = tables.FOLDER) -> Path:
+    """Write ``reference`` as the set ``split`` of ``problem``, in one step."""
+    return tables.save(problem, split, folder, parameters=reference.parameters, mode_costs=reference.mode_costs)
+
+
+def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDER) -> Reference:
+    """The shipped set ``split`` of ``problem``.
+
+    Raises:
+        ReferenceDataError: no such file, damaged, or made for another problem.
+    """
+    path = path_of(problem, split, folder)
+    if not path.is_file():
+        there = sorted(p.stem for p in path.parent.glob("*.npz"))
+        raise ReferenceDataError(f"no reference {split!r} is shipped for {problem.id}; there are {there}")
+    try:
+        maker = "scripts/make_splits.py" if split in HARD else "scripts/generate_data.py --ship"
+        arrays: dict[str, Any] = tables.load(problem, split, folder, maker)
+        return Reference(arrays["parameters"], arrays["mode_costs"])
+    except tables.TableError as error:
+        raise ReferenceDataError(str(error)) from error
+    except KeyError as error:
+        raise ReferenceDataError(f"{path} is damaged or no reference file ({error} is missing)") from error

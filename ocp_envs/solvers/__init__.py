@@ -1,0 +1,1 @@
+"""Nonlinear programs: transcription, compiled functions, solvers and the check of their solutions."""

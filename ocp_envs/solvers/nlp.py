@@ -1,0 +1,187 @@
+"""One nonlinear program, solved many times: the part of the solver that runs in a child process.
+
+fatrop (Vanroye et al., *FATROP: a fast constrained optimal control problem solver for robot trajectory optimization and
+control*, IROS 2023) goes first, with compiled functions. It has no restoration phase: where its line search gets stuck,
+mostly with the duration at its lower bound, a second attempt goes on from there with a longer duration. *Measured* on
+600 random pendulum problems that recovers twice as many as IPOPT with its restoration does, in a tenth of the time.
+
+IPOPT (Wächter & Biegler, *On the implementation of an interior-point filter line-search algorithm for large-scale
+nonlinear programming*, 2006) gets what the primary solver breaks down on: an exception, a number that is not finite, a
+hang or a crash (see :mod:`ocp_envs.solvers.guard`); and, where the caller wants that, what it did not converge on.
+Which way a solve ends is decided by iteration limits, never by time.
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from ocp_envs.solvers.compilation import build_solver
+from ocp_envs.solvers.transcription import Transcription
+from ocp_envs.system import Array
+
+
+class Status(enum.IntEnum):
+    """How a solve ended; stored in databases as int8."""
+
+    EMPTY = 0  #: never tried, or no such mode
+    SOLVED = 1
+    NOT_CONVERGED = 2  #: the tolerance was not reached within the iterations
+    TIMED_OUT = 3  #: both solvers had to be killed, the last one for taking too long
+    CRASHED = 4  #: the process of the last solver died
+    CHECK_FAILED = 5  #: the solver claims success, the independent check says no
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Settings of a solve.
+
+    Args:
+        primary: "fatrop" or "ipopt"; the other one is the fallback.
+        tolerance: scaled optimality tolerance of either solver.
+        max_iterations, fallback_iterations: limits of an attempt of the primary and of the fallback solver.
+        hang_factor, hang_floor: a solve is killed after the larger of ``hang_factor`` × the running median time of a
+            solve and ``hang_floor`` seconds.
+    """
+
+    primary: str = "fatrop"
+    tolerance: float = 1e-6
+    max_iterations: int = 150
+    fallback_iterations: int = 200
+    hang_factor: float = 100.0
+    hang_floor: float = 5.0
+
+    def __post_init__(self) -> None:
+        if self.primary not in ("fatrop", "ipopt"):
+            raise ValueError(f'primary must be "fatrop" or "ipopt", got {self.primary!r}')
+        positive = (self.tolerance, self.max_iterations, self.fallback_iterations, self.hang_factor, self.hang_floor)
+        if not all(value > 0 for value in positive):
+            raise ValueError(f"tolerance, limits and times must be positive, got {self}")
+
+    @property
+    def fallback(self) -> str:
+        """The solver that gets what the primary one fails at."""
+        return "ipopt" if self.primary == "fatrop" else "fatrop"
+
+
+#: Duration of the second attempt, as a share of the longest one.
+_SECOND_DURATION = 0.75
+
+
+class Task(NamedTuple):
+    """One solve in scaled variables: guess w (nw,), parameter [x_0; s], index of the target, and whether the fallback
+    goes on where the primary solver did not converge (where it broke down it does in any case).
+    """
+
+    guess: Array
+    parameter: Array
+    target: int
+    persist: bool = True
+
+
+class Result(NamedTuple):
+    """How one solve ended; scaled variables (nw,) and multipliers (N − 1, nh) mean nothing unless SOLVED."""
+
+    status: Status
+    w: Array
+    cost: float
+    multipliers: Array
+    iterations: int
+    fallback: bool
+    seconds: float
+
+
+class Outcome(enum.Enum):
+    """How one run of one solver ended."""
+
+    CONVERGED = enum.auto()
+    STUCK = enum.auto()  #: at a finite point, for want of progress or of iterations
+    BROKE_DOWN = enum.auto()  #: an exception, or values that are not finite
+
+
+class NlpSolver:
+    """Both solvers of one program. Not to be shared between threads."""
+
+    def __init__(self, transcription: Transcription, settings: SolverSettings) -> None:
+        nlp, s = transcription.nlp, settings
+        self._transcription = transcription
+        self._bounds = [transcription.bounds(target) for target in transcription.targets]
+        options = _options(transcription, s.primary, s.tolerance, s.max_iterations)
+        self._primary = _Backend(transcription, build_solver(s.primary, nlp, options))
+        # Rarely needed, and most of IPOPT's time goes into its linear algebra: not worth a compilation.
+        options = _options(transcription, s.fallback, s.tolerance, s.fallback_iterations)
+        self._fallback = _Backend(transcription, ca.nlpsol("fallback", s.fallback, nlp, options))
+
+    def solve(self, task: Task, skip_primary: bool = False) -> Result:
+        """Solve with the primary solver, in two attempts, and with the fallback where that fails or is skipped."""
+        began = time.perf_counter()
+        bounds = self._bounds[task.target]
+        backend, outcome, iterations = self._primary, Outcome.BROKE_DOWN, 0
+        if not skip_primary:
+            outcome, iterations = backend.run(task, *bounds)
+            if outcome is Outcome.STUCK:
+                longer = task._replace(guess=self._transcription.with_duration(backend.w, _SECOND_DURATION))
+                outcome, more = backend.run(longer, *bounds)
+                iterations += more
+        if outcome is Outcome.BROKE_DOWN or (outcome is Outcome.STUCK and task.persist):
+            if outcome is Outcome.STUCK:
+                task = task._replace(guess=backend.w)
+            backend = self._fallback
+            outcome, more = backend.run(task, *bounds)
+            iterations += more
+        return Result(
+            status=Status.SOLVED if outcome is Outcome.CONVERGED else Status.NOT_CONVERGED,
+            w=backend.w.copy(),
+            cost=float(backend.cost[0]),
+            multipliers=self._transcription.clearance_multipliers(backend.lam_g),
+            iterations=iterations,
+            fallback=backend is self._fallback,
+            seconds=time.perf_counter() - began,
+        )
+
+
+def _options(transcription: Transcription, plugin: str, tolerance: float, max_iterations: int) -> dict[str, Any]:
+    own: dict[str, Any]
+    if plugin == "fatrop":
+        # Where guesses are good, a small first barrier saves a fifth of the iterations; elsewhere it costs nothing.
+        own = {"print_level": 0, "tol": tolerance, "max_iter": max_iterations, "mu_init": 1e-3}
+        return {"print_time": False, "fatrop": own, **transcription.structure}
+    own = {"print_level": 0, "sb": "yes", "tol": tolerance, "max_iter": max_iterations, "acceptable_iter": 0}
+    return {"print_time": False, "ipopt": own}
+
+
+class _Backend:
+    """One solver, called through fixed memory: a call costs microseconds, not a conversion of every argument."""
+
+    def __init__(self, transcription: Transcription, solver: ca.Function) -> None:
+        self._buffer, self._call = solver.buffer()
+        # The buffer keeps addresses, not references: these arrays must live as long as it does.
+        inputs: dict[str, Array] = {solver.name_in(i): np.zeros(solver.numel_in(i)) for i in range(solver.n_in())}
+        outputs: dict[str, Array] = {name: np.zeros(solver.numel_out(name)) for name in ("x", "f", "lam_g")}
+        for name, array in inputs.items():
+            self._buffer.set_arg(solver.index_in(name), memoryview(array))  # type: ignore[arg-type]
+        for name, array in outputs.items():
+            self._buffer.set_res(solver.index_out(name), memoryview(array))  # type: ignore[arg-type]
+        inputs["lbg"][:], inputs["ubg"][:] = transcription.constraint_bounds
+        self._inputs = inputs
+        self.w, self.cost, self.lam_g = outputs["x"], outputs["f"], outputs["lam_g"]
+
+    def run(self, task: Task, lower: Array, upper: Array) -> tuple[Outcome, int]:
+        """Solve into ``w``, ``cost`` and ``lam_g``; returns how it ended, and the iterations."""
+        arguments = self._inputs
+        arguments["x0"][:], arguments["p"][:] = task.guess, task.parameter
+        arguments["lbx"][:], arguments["ubx"][:] = lower, upper
+        try:
+            self._call()
+        except RuntimeError:
+            return Outcome.BROKE_DOWN, 0
+        stats = self._buffer.stats()
+        iterations = int(stats["iter_count"])
+        if not np.isfinite(self.w).all():
+            return Outcome.BROKE_DOWN, iterations
+        return Outcome.CONVERGED if stats["success"] else Outcome.STUCK, iterations

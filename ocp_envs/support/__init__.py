@@ -1,0 +1,1 @@
+"""What every wing uses: arrays on CasADi functions, whole files, processes, provenance."""

@@ -1,0 +1,96 @@
+"""Records of results: where figures come from, and JSON."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import json
+import os
+import platform
+import re
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocp_envs.support.files import replacing
+from ocp_envs.support.machine import cpu_model
+
+#: A list without lists, dictionaries or texts in it, over several lines; no text of JSON has a line's end in it.
+_NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*)\n *\]")
+_PACKAGES = ("ocp-moe", "numpy", "scipy", "casadi", "gymnasium", "torch", "scikit-learn", "control", "zarr")
+
+
+def provenance() -> dict[str, Any]:
+    """Versions, machine, date (UTC) and, in a git checkout, the commit a result was made with."""
+    versions = {}
+    for package in (*_PACKAGES, "stable-baselines3"):
+        try:
+            versions[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return {
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "commit": _commit(),
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpu": cpu_model(),
+        "cores": os.cpu_count(),
+        "versions": versions,
+    }
+
+
+def peak_memory_gb(descendants: bool = False) -> float:
+    """Largest memory so far of this process, or of the largest of its ended descendants, in GB (2³⁰ bytes).
+
+    Pages of files that are mapped into memory are counted while they are there.
+    """
+    import resource  # only POSIX has it
+
+    who = resource.RUSAGE_CHILDREN if descendants else resource.RUSAGE_SELF
+    unit = 2**30 if sys.platform == "darwin" else 2**20  # macOS counts in bytes, others in KiB
+    return resource.getrusage(who).ru_maxrss / unit
+
+
+def _commit() -> str | None:
+    """Commit of the checkout this package lies in, with ``+`` where files were changed; ``None`` outside of one."""
+    folder = Path(__file__).resolve().parents[2]
+    if not (folder / ".git").exists():
+        return None
+
+    def git(*arguments: str) -> str:
+        return subprocess.run(
+            ["git", *arguments], cwd=folder, capture_output=True, text=True, check=True
+        ).stdout.strip()
+
+    try:
+        return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
+    except (OSError, subprocess.CalledProcessError):
+        return None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, Path):
+        return str(value)
+    raise TypeError(f"cannot write {type(value).__name__} as JSON")
+
+
+def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:
+    """Write ``content`` as indented JSON, in one step: a reader sees the old file or the new one, never half of one.
+
+    NumPy arrays and numbers become lists and numbers; a list of numbers stands on one line.
+
+    Raises:
+        TypeError, ValueError: something that JSON cannot hold (NaN and infinity among it); the old file stays.
+    """
+    text = json.dumps(content, indent=2, default=_plain, allow_nan=False) + "\n"
+    text = _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
+    with replacing(path) as file:
+        file.write(text.encode())

@@ -1,0 +1,242 @@
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ocp_envs.data.database import Database, DatabaseError, Rows
+from ocp_envs.problem import winding_modes
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.nlp import Status
+from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
+
+COUNT, CHUNK = 10, 4
+
+
+def made_up(problem, parameters, seed=0):
+    """Rows with arbitrary trajectories: the first problem has none, the others at least one."""
+    rng = np.random.default_rng(seed)
+    size, modes = len(parameters), len(problem.modes)
+    have = rng.random((size, modes)) < 0.7
+    have[:, 0] = True
+    have[0] = False
+    counts = {name: rng.integers(0, 9, size).astype(np.int32) for name in ("solves", "failures", "fallbacks")}
+    return Rows(
+        status=np.where(have.any(axis=1), Status.SOLVED, Status.NOT_CONVERGED).astype(np.int8),
+        slot_status=np.where(have, Status.SOLVED, Status.EMPTY).astype(np.int8),
+        cost=np.where(have, rng.random((size, modes)) + 1, np.inf),
+        z=np.where(have[..., None], rng.random((size, modes, problem.flat_size)), np.nan),
+        multipliers=rng.random((size, modes, problem.knots, problem.n_clearances)),
+        iterations=np.full(size, 7, np.int32),
+        **counts,
+    )
+
+
+def part(rows, where):
+    return Rows(**{name: value[where] for name, value in vars(rows).items()})
+
+
+@pytest.fixture
+def order():
+    return np.random.default_rng(3).permutation(COUNT)
+
+
+@pytest.fixture
+def empty(tmp_path, order):
+    return Database.create(tmp_path / "d.zarr", PENDULUM, sample(PENDULUM, 1, COUNT), order=order, chunk=CHUNK)
+
+
+@pytest.fixture
+def filled(empty, order):
+    rows = made_up(PENDULUM, empty.parameters)
+    for chunk in range(empty.chunks):
+        empty.write(chunk, part(rows, order[empty.stored_rows(chunk)]))
+    return Database.open(empty.path), rows
+
+
+# -- reading and writing -----------------------------------------------------------------------------------------------
+
+
+def test_rows_come_back_in_the_order_of_the_parameters(filled):
+    database, rows = filled
+    assert database.complete
+    assert len(database) == COUNT
+    np.testing.assert_array_equal(database.parameters, sample(PENDULUM, 1, COUNT))
+    for name, value in vars(rows).items():
+        np.testing.assert_array_equal(getattr(database.rows(), name), value, err_msg=name)
+        np.testing.assert_array_equal(getattr(database.rows([7, 2]), name), value[[7, 2]], err_msg=name)
+
+
+def test_samples_are_the_cheapest_trajectories_of_solved_problems(filled):
+    database, rows = filled
+    samples = database.samples()
+    np.testing.assert_array_equal(samples.index, np.arange(1, COUNT))
+    np.testing.assert_array_equal(samples.parameters, database.parameters[1:])
+    np.testing.assert_array_equal(samples.mode_costs, rows.cost[1:])
+    for i in range(len(samples)):
+        mode = min(range(3), key=lambda m: rows.cost[i + 1, m])
+        assert (samples.mode[i], samples.cost[i]) == (mode, rows.cost[i + 1, mode])
+        np.testing.assert_array_equal(samples.trajectory[i].flat()[0], rows.z[i + 1, mode])
+    np.testing.assert_array_equal(database.samples([5, 0, 3]).index, [5, 3])
+
+
+def test_reading_in_blocks_changes_nothing(filled, monkeypatch):
+    """Memory is bounded by a block, which is a whole number of chunks."""
+    database, rows = filled
+    whole, digest = database.samples(), database.digest()
+    monkeypatch.setattr("ocp_envs.data.database._BLOCK", CHUNK)
+    blocks = [where for where, _ in database.blocks()]
+    assert [(where.start, where.stop) for where in blocks] == [(0, 4), (4, 8), (8, 10)]
+    assert [where.stop for where, _ in database.blocks(6)] == [4, 6]
+    again = database.samples()
+    for name in ("parameters", "cost", "mode", "mode_costs", "index"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(whole, name), err_msg=name)
+    np.testing.assert_array_equal(again.trajectory.flat(), whole.trajectory.flat())
+    np.testing.assert_array_equal(database.costs(), rows.cost)
+    np.testing.assert_array_equal(database.rows([9, 0, 4]).z, rows.z[[9, 0, 4]])
+    assert database.digest() == digest
+
+
+def test_the_key_tells_what_a_database_was_made_from(empty, order, tmp_path):
+    p = sample(PENDULUM, 1, COUNT)
+    same = Database.create(tmp_path / "same", PENDULUM, p, order=order, chunk=CHUNK)
+    assert same.key == empty.key
+    moved = Database.create(tmp_path / "moved", PENDULUM, p + 1e-9, chunk=CHUNK)
+    other = Database.create(tmp_path / "other", PENDULUM, p, chunk=CHUNK, settings={"seed": 3})
+    assert len({empty.key, moved.key, other.key}) == 3
+
+
+def test_samples_can_be_sliced(filled):
+    samples = filled[0].samples()
+    chosen = samples[samples.mode == 0]
+    assert len(chosen) == (samples.mode == 0).sum()
+    np.testing.assert_array_equal(chosen.trajectory.flat(), samples.trajectory.flat()[samples.mode == 0])
+    assert chosen.problem is samples.problem
+
+
+def test_multipliers_of_a_path_constraint_are_kept(tmp_path):
+    p = sample(WALLED_INTEGRATOR, 0, 3)
+    rows = made_up(WALLED_INTEGRATOR, p)
+    database = Database.create(tmp_path / "d", WALLED_INTEGRATOR, p)
+    database.write(0, rows)
+    np.testing.assert_array_equal(database.samples().multipliers, rows.multipliers[1:, 0])
+
+
+def test_totals_and_digest(filled, empty):
+    database, rows = filled
+    totals = database.totals()
+    assert totals["problems"] == COUNT
+    assert totals["solved"] == COUNT - 1
+    assert totals["solves"] == rows.solves.sum()
+    before = database.digest()
+    assert Database.open(database.path).digest() == before
+    changed = made_up(PENDULUM, database.parameters, seed=9)
+    database.write(0, part(changed, slice(0, CHUNK)))
+    assert database.digest() != before
+
+
+# -- interrupted and damaged files -------------------------------------------------------------------------------------
+
+
+def test_a_chunk_without_status_does_not_exist(filled):
+    database, _ = filled
+    (database.path / "status" / "c" / "1").unlink()
+    again = Database.open(database.path)
+    np.testing.assert_array_equal(again.present(), [True, False, True])
+    assert not again.complete
+    assert again.totals()["problems"] == COUNT - CHUNK
+
+
+def test_the_first_problems_are_usable_before_the_database_is_complete(filled, order):
+    database, _ = filled
+    first = database.first(CHUNK + 1)
+    np.testing.assert_array_equal(first, np.sort(order[: CHUNK + 1]))
+    np.testing.assert_array_equal(database.first(None), np.arange(COUNT))
+    samples = database.samples(first)
+    np.testing.assert_array_equal(samples.index, database.solved(first))
+    (database.path / "status" / "c" / "1").unlink()
+    again = Database.open(database.path)
+    np.testing.assert_array_equal(again.first(CHUNK), np.sort(order[:CHUNK]))
+    with pytest.raises(DatabaseError, match=f"of the first {CHUNK + 1} problems"):
+        again.first(CHUNK + 1)
+
+
+@pytest.mark.filterwarnings("ignore:Object at .*partial")
+def test_what_an_interrupted_write_leaves_is_tolerated(filled):
+    database, rows = filled
+    (database.path / "z" / "c" / "0.1234.partial").write_bytes(b"half a chunk")
+    (database.path / "zarr.5678.partial").write_bytes(b"{")
+    np.testing.assert_array_equal(Database.open(database.path).rows().cost, rows.cost)
+
+
+def damage_truncate(path):
+    file = path / "cost" / "c" / "0" / "0"
+    file.write_bytes(file.read_bytes()[:-7])
+
+
+def damage_flip(path):
+    file = path / "cost" / "c" / "0" / "0"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    file.write_bytes(content)
+
+
+def damage_remove_trajectories(path):
+    (path / "z" / "c" / "0" / "0" / "0").unlink()
+
+
+def damage_remove_slots(path):
+    (path / "slot_status" / "c" / "0" / "0").unlink()
+
+
+def damage_array(path):
+    shutil.rmtree(path / "cost")
+
+
+def damage_description(path):
+    (path / "zarr.json").write_text("{")
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        damage_truncate,
+        damage_flip,
+        damage_remove_trajectories,
+        damage_remove_slots,
+        damage_array,
+        damage_description,
+    ],
+)
+def test_damage_is_an_error(filled, damage):
+    path = filled[0].path
+    damage(path)
+    with pytest.raises(DatabaseError, match="damaged"):
+        Database.open(path).samples()
+
+
+def test_foreign_folders_are_refused(tmp_path):
+    with pytest.raises(DatabaseError, match="no database at"):
+        Database.open(tmp_path / "nothing")
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(DatabaseError, match="not a database"):
+        Database.open(tmp_path)
+    with pytest.raises(DatabaseError, match="exists already"):
+        Database.create(tmp_path, PENDULUM, sample(PENDULUM, 0, 3))
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_another_problem_is_refused(empty):
+    with pytest.raises(DatabaseError, match=r"made for PendulumSwingup-v0 .* not for DoubleIntegrator-v0"):
+        Database.open(empty.path, DOUBLE_INTEGRATOR)
+    with pytest.raises(DatabaseError, match="has changed since"):
+        Database.open(empty.path, PENDULUM.with_constants(mass=1.1))
+    with pytest.raises(DatabaseError, match="anew since"):
+        Database.open(empty.path, replace(PENDULUM, modes=winding_modes(("left", "middle", "right"))))
+
+
+def test_an_order_must_be_a_permutation(tmp_path):
+    with pytest.raises(ValueError, match="permutation"):
+        Database.create(tmp_path / "d", PENDULUM, sample(PENDULUM, 0, 3), order=[0, 0, 1])
+    assert not (tmp_path / "d").exists()

@@ -1,0 +1,448 @@
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from pathlib import Path
+from threading import Barrier
+
+import cloudpickle
+import numpy as np
+import pytest
+
+from ocp_envs.data import generation
+from ocp_envs.data import worker as chunks
+from ocp_envs.data.database import Database, DatabaseError
+from ocp_envs.data.generation import GenerationSettings, generate
+from ocp_envs.data.warm_starts import local_fit
+from ocp_envs.problem import OutsideBoxError
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.compilation import CompiledNotAvailable
+from ocp_envs.solvers.solver import Solver, Status, verify
+from ocp_envs.support.pool import WorkerLostError
+from ocp_envs.trajectory import Trajectory
+from scripts.check_interruptions import Kill, descendants, generate_interrupted, plan_kills, wait_for_chunks
+from tests.small_problems import DOUBLE_INTEGRATOR
+
+SMALL = GenerationSettings(first=20, chunk=10, starts=2)
+COUNT = 80
+needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="finds worker processes in /proc")
+#: What the processes below run; arguments: folder, number of problems.
+SCRIPT = """
+import sys
+from ocp_envs.data.generation import GenerationSettings, generate
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.sets.sampling import sample
+if __name__ == "__main__":
+    settings = GenerationSettings(first=20, chunk=10, starts=2)
+    generate(PENDULUM, sys.argv[1], sample(PENDULUM, 7, int(sys.argv[2])), workers=2, seed=3, settings=settings)
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _interpreted():
+    """Children inherit the environment: without a compiler they start at once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", "")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", CompiledNotAvailable)
+            yield
+
+
+class InProcess(Executor):
+    """Runs a task when it is submitted; notes which ones."""
+
+    def __init__(self):
+        self.tasks = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        self.tasks.append(args[0])
+        future = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class Unguarded(Solver):
+    """A solver in this process with the guard's methods, and a record of what it was asked."""
+
+    asked: list[np.ndarray] = []  # noqa: RUF012 - shared on purpose
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        pass
+
+    def start(self):
+        pass
+
+    def solve(self, parameters, guesses, windings, persist=True):
+        self.asked.append(windings)
+        return super().solve(parameters, guesses, windings, persist)
+
+
+@pytest.fixture
+def unguarded(monkeypatch):
+    for module in (chunks, generation):
+        monkeypatch.setattr(module, "GuardedSolver", Unguarded)
+    chunks._kept.__dict__.clear()
+    Unguarded.asked.clear()
+    yield Unguarded
+    chunks._kept.__dict__.clear()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The database that was never interrupted, by the default pool."""
+    path = tmp_path_factory.mktemp("whole") / "d.zarr"
+    return generate(PENDULUM, path, sample(PENDULUM, 7, COUNT), workers=2, seed=3, settings=SMALL)
+
+
+# -- what is found -----------------------------------------------------------------------------------------------------
+
+
+def test_every_problem_is_solved_and_every_trajectory_passes_the_check(whole):
+    rows = whole.rows()
+    assert (rows.status == Status.SOLVED).all()
+    row, mode = np.nonzero(np.isfinite(rows.cost))
+    np.testing.assert_array_equal(np.isfinite(rows.cost), rows.slot_status == Status.SOLVED)
+    plans = Trajectory.from_flat(rows.z[row, mode], PENDULUM.knots, 2, 1)
+    assert verify(PENDULUM, whole.parameters[row], plans, rows.cost[row, mode]).passed.all()
+    found = PENDULUM.modes.classify(PENDULUM, whole.parameters[row], plans, rows.multipliers[row, mode])
+    np.testing.assert_array_equal(found, mode)
+
+
+def test_warm_starts_find_what_mirrored_problems_have(tmp_path, unguarded):
+    """θ → 2π − θ, ω → −ω maps optima to optima of the same cost and swaps the outer windings."""
+    p = sample(PENDULUM, 11, 60)
+    mirrored = np.stack([2 * np.pi - p[:, 0], -p[:, 1]], axis=1)
+    database = generate(PENDULUM, tmp_path / "d", np.concatenate([p, mirrored]), executor=InProcess(), settings=SMALL)
+    cost = database.costs().min(axis=1)
+    np.testing.assert_allclose(cost[:60], cost[60:], rtol=1e-3)
+    modes = database.samples().mode
+    clear = np.sort(database.costs(), axis=1)
+    clear = (clear[:, 1] > 1.001 * clear[:, 0])[:60]
+    np.testing.assert_array_equal(modes[:60][clear], 2 - modes[60:][clear])
+
+
+def test_rounds_double_and_warm_starts_come_from_earlier_rounds_only(tmp_path, unguarded):
+    """Spoilt trajectories of a round show up as guesses in later rounds alone."""
+    executor = InProcess()
+    database = generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, COUNT), executor=executor, settings=SMALL)
+    assert [task.chunk for task in executor.tasks] == list(range(8))
+    assert [len(task.owner) > 0 for task in executor.tasks] == [False] * 2 + [True] * 6
+    stored = database.stored(slice(0, COUNT)).z.astype(np.float32)
+    for task in executor.tasks[2:]:
+        before = 20 if task.chunk < 6 else 60  # rounds of 20, 40 and the rest
+        known = stored[:before].reshape(-1, PENDULUM.flat_size)
+        distance = np.abs(known[None] - task.z[:, None]).max(axis=2)
+        assert np.nanmin(distance, axis=1).max() == 0
+
+
+def test_the_first_round_tries_every_winding(tmp_path, unguarded):
+    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=SMALL)
+    assert set(np.concatenate(unguarded.asked)) == {0, 1, 2}
+
+
+def test_what_no_guess_solves_gets_the_second_solver_in_the_end(tmp_path, unguarded, monkeypatch):
+    """A first solver that is stuck on one problem, whatever the guess, and a second one that is not."""
+    p = sample(PENDULUM, 7, 10)
+
+    def solve(self, parameters, guesses, windings, persist=True):
+        found = Solver.solve(self, parameters, guesses, windings, persist)
+        if not persist:
+            stuck = (parameters == p[3]).all(axis=1)
+            found.status[stuck] = Status.NOT_CONVERGED
+            found._blank(stuck)
+        return found
+
+    monkeypatch.setattr(Unguarded, "solve", solve)
+    rows = generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), settings=SMALL).rows()
+    assert (rows.status == Status.SOLVED).all()
+    assert rows.solves[3] == 3 * SMALL.starts + 3
+    assert (np.delete(rows.solves, 3) <= 3 * SMALL.starts).all()
+
+
+@pytest.mark.parametrize(("guess", "kinds"), [("drift", ["line", "drift"]), ("line", ["line", "line"])])
+def test_guesses_after_the_first_are_of_the_kind_wanted(tmp_path, unguarded, monkeypatch, guess, kinds):
+    asked, made = [], chunks.guesses
+
+    def noted(problem, parameters, windings, rng, kind):
+        asked.append(kind)
+        return made(problem, parameters, windings, rng, kind)
+
+    monkeypatch.setattr(chunks, "guesses", noted)
+    settings = dataclasses.replace(SMALL, guess=guess)
+    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=settings)
+    assert asked[:2] == kinds
+
+
+def test_databases_made_before_the_kind_of_guess_was_a_setting_are_the_same_as_its_default():
+    assert set(SMALL.record()) == {f.name for f in dataclasses.fields(SMALL)} - {"guess", "fit"}
+    assert dataclasses.replace(SMALL, guess="line").record() == {**SMALL.record(), "guess": "line"}
+    assert dataclasses.replace(SMALL, fit=9).record() == {**SMALL.record(), "fit": 9}
+
+
+def test_a_local_fit_repeats_a_linear_function_and_weighs_the_near_ones_more():
+    rng = np.random.default_rng(0)
+    offsets = rng.normal(size=(5, 12, 3)) * 0.1
+    order = np.argsort(np.linalg.norm(offsets, axis=2), axis=1)
+    offsets = np.take_along_axis(offsets, order[:, :, None], axis=1)
+    distance = np.linalg.norm(offsets, axis=2)
+    slope, constant = rng.normal(size=(3, 4)), rng.normal(size=(5, 1, 4))
+    values = (constant + offsets @ slope).astype(np.float32)
+    np.testing.assert_allclose(local_fit(offsets, distance, values), constant[:, 0], atol=2e-3)
+    spoilt = values.copy()
+    spoilt[:, -1] += 1.0  # the farthest has next to no weight
+    np.testing.assert_allclose(local_fit(offsets, distance, spoilt), constant[:, 0], atol=5e-3)
+    # All neighbours in one place: their mean.
+    np.testing.assert_allclose(local_fit(np.zeros_like(offsets), 0 * distance, values), values.mean(1), atol=1e-5)
+
+
+def test_fitted_warm_starts_are_one_a_mode_nearer_than_the_neighbours_and_solve_the_same(tmp_path, unguarded):
+    p, found = sample(DOUBLE_INTEGRATOR, 7, COUNT), {}
+    for fit in (0, 8):
+        executor, settings = InProcess(), dataclasses.replace(SMALL, neighbours=1, fit=fit)
+        database = generate(DOUBLE_INTEGRATOR, tmp_path / f"{fit}", p, executor=executor, settings=settings)
+        task = executor.tasks[-1]
+        solved = database.stored(database.stored_rows(task.chunk))
+        distance = np.abs(task.z[:, None] - solved.z[task.owner]).mean(axis=2).min(axis=1, initial=np.inf)
+        found[fit] = database.costs().min(axis=1), np.nanmedian(np.where(np.isfinite(distance), distance, np.nan))
+        assert database.settings.get("fit", 0) == fit
+    np.testing.assert_allclose(found[8][0], found[0][0], rtol=1e-3)
+    assert found[8][1] < 0.7 * found[0][1]
+
+
+def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monkeypatch):
+    """Too little time for any swing-up from the bottom: nothing is dropped, nothing invented."""
+    hurried = dataclasses.replace(PENDULUM, duration=(0.1, 0.2))
+    p = np.array([[0.0, 0.0], [np.pi, 0.0]])
+    database = generate(hurried, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
+    rows = database.rows()
+    assert rows.status[0] == Status.NOT_CONVERGED
+    assert np.isinf(rows.cost[0]).all()
+    assert np.isnan(rows.z[0]).all()
+    assert rows.failures[0] == rows.solves[0] > 0
+    assert database.samples().index.tolist() == [1]
+
+
+# -- interruptions and workers -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_arrays_do_not_depend_on_the_workers(whole, tmp_path, threads):
+    with ThreadPoolExecutor(threads) as executor:
+        arguments = {"seed": 3, "settings": SMALL, "executor": executor}
+        other = generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, COUNT), **arguments)
+    assert other.digest() == whole.digest()
+
+
+def command(path, count=COUNT):
+    return [sys.executable, "-c", SCRIPT, str(path), str(count)]
+
+
+@pytest.fixture
+def importable(monkeypatch):
+    """Processes that are started find what this one finds."""
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(entry or os.getcwd() for entry in sys.path))
+
+
+def wait_for_end(pids):
+    """Nobody is left behind (a process that has ended but was not reaped yet does not count)."""
+    deadline = time.monotonic() + 30
+    for pid in pids:
+        while (stat := Path(f"/proc/{pid}/stat")).exists() and stat.read_text().rsplit(")", 1)[1].split()[0] != "Z":
+            assert time.monotonic() < deadline, f"process {pid} outlived its parent"
+            time.sleep(0.05)
+
+
+@needs_proc
+def test_a_killed_parent_loses_nothing_and_leaves_nobody_behind(whole, tmp_path, importable):
+    path = tmp_path / "d"
+    process = subprocess.Popen(command(path))
+    wait_for_chunks(process, path, 1)
+    others = descendants(process.pid)
+    assert len(others) >= 4  # two workers and their solvers
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    wait_for_end(others)
+    database = Database.open(path)
+    done = int(database.present().sum())
+    assert 1 <= done < database.chunks
+    executor = InProcess()
+    again = generate(PENDULUM, path, sample(PENDULUM, 7, COUNT), executor=executor, seed=3, settings=SMALL)
+    assert len(executor.tasks) == database.chunks - done
+    assert again.digest() == whole.digest()
+
+
+@needs_proc
+def test_killed_processes_of_every_kind_change_nothing(whole, tmp_path, importable):
+    path, kills = tmp_path / "d", [Kill("worker", 1, 0.05), Kill("solver", 2, 0.05), Kill("parent", 4, 0.0)]
+    record = generate_interrupted(command(path), path, kills)
+    assert record["kills_by_kind"] == {"worker": 1, "solver": 1, "parent": 1}
+    assert record["chunks_written_again"] == 0
+    assert Database.open(path).digest() == whole.digest()
+
+
+@needs_proc
+@pytest.mark.slow
+def test_twenty_kills_at_random_moments_change_nothing(tmp_path, importable):
+    count, path = 400, tmp_path / "d"
+    undisturbed = generate(PENDULUM, tmp_path / "whole", sample(PENDULUM, 7, count), seed=3, settings=SMALL)
+    kinds = ["parent"] * 8 + ["worker"] * 6 + ["solver"] * 6
+    record = generate_interrupted(command(path, count), path, plan_kills(kinds, undisturbed.chunks, 0.3, seed=5))
+    assert len(record["kills"]) == 20
+    assert record["starts"] == 9
+    assert record["chunks_written_again"] == 0
+    database = Database.open(path)
+    assert database.totals() == undisturbed.totals()
+    assert database.digest() == undisturbed.digest()
+
+
+class WhileItRuns(InProcess):
+    """Calls ``meanwhile`` when the first task is submitted."""
+
+    def __init__(self, meanwhile):
+        super().__init__()
+        self.meanwhile = meanwhile
+
+    def submit(self, fn, /, *args, **kwargs):
+        if not self.tasks:
+            self.meanwhile()
+        return super().submit(fn, *args, **kwargs)
+
+
+def test_two_at_once_do_not_write_to_one_path(tmp_path, unguarded, importable):
+    p, path = sample(PENDULUM, 7, 10), tmp_path / "d"
+
+    def meanwhile():
+        with pytest.raises(DatabaseError, match="being generated by another process"):
+            generate(PENDULUM, path, p, executor=InProcess(), settings=SMALL)
+        other = subprocess.run(command(path), capture_output=True, text=True)
+        assert "DatabaseError: " in other.stderr
+
+    database = generate(PENDULUM, path, p, executor=WhileItRuns(meanwhile), settings=SMALL)
+    assert database.complete
+
+
+def test_what_a_process_killed_early_left_is_removed(tmp_path, unguarded):
+    for name in (".d.123", ".d.other.123"):  # the latter is another database's
+        (tmp_path / name).mkdir()
+    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=SMALL)
+    assert not (tmp_path / ".d.123").exists()
+    assert (tmp_path / ".d.other.123").exists()
+
+
+def test_threads_that_solve_have_one_child_each(monkeypatch):
+    """However many threads there are; another problem replaces the child."""
+    monkeypatch.setattr(chunks, "GuardedSolver", Counted)
+    barrier = Barrier(5)
+
+    def use(_):
+        barrier.wait()
+        first = chunks._worker(payload, SMALL.solver)[1]
+        assert chunks._worker(payload, SMALL.solver)[1] is first
+        assert chunks._worker(other, SMALL.solver)[1] is not first
+        assert first.closed
+        return first
+
+    payload, other = cloudpickle.dumps(PENDULUM), cloudpickle.dumps(DOUBLE_INTEGRATOR)
+    with ThreadPoolExecutor(5) as executor:
+        assert len(set(executor.map(use, range(5)))) == 5
+
+
+class Counted:
+    closed = False
+
+    def __init__(self, problem, settings):
+        self.problem = problem
+
+    def close(self):
+        self.closed = True
+
+
+class Dropping(InProcess):
+    """Loses every task for the first ``losses`` times, in one of the ways there are."""
+
+    def __init__(self, losses, error):
+        super().__init__()
+        self.losses, self.error = losses, error
+
+    def submit(self, fn, /, *args, **kwargs):
+        if self.losses == 0:
+            return super().submit(fn, *args, **kwargs)
+        self.losses -= 1
+        future = Future()
+        if self.error is None:
+            future.cancel()
+            future.set_running_or_notify_cancel()
+        else:
+            future.set_exception(self.error)
+        return future
+
+
+@pytest.mark.parametrize("error", [None, WorkerLostError("killed")])
+def test_lost_tasks_are_submitted_again_but_not_for_ever(tmp_path, unguarded, error):
+    p = sample(PENDULUM, 7, 20)
+    assert generate(PENDULUM, tmp_path / "d", p, executor=Dropping(3, error), settings=SMALL).complete
+    with pytest.raises((CancelledError, WorkerLostError)):
+        generate(PENDULUM, tmp_path / "e", p, executor=Dropping(1000, error), settings=SMALL)
+
+
+class Broken(InProcess):
+    def submit(self, fn, /, *args, **kwargs):
+        future = Future()
+        future.set_exception(BrokenExecutor("gone"))
+        return future
+
+
+def test_an_executor_that_is_not_ours_is_not_replaced(tmp_path, unguarded):
+    with pytest.raises(BrokenExecutor, match="gone"):
+        generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=Broken(), settings=SMALL)
+
+
+def test_a_finished_database_is_not_solved_again(tmp_path, unguarded):
+    p = sample(PENDULUM, 7, 10)
+    first = generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
+    executor = InProcess()
+    assert generate(PENDULUM, tmp_path / "d", p, executor=executor, settings=SMALL).digest() == first.digest()
+    assert executor.tasks == []
+
+
+# -- bad input ---------------------------------------------------------------------------------------------------------
+
+
+def test_another_call_at_the_same_path_is_refused(tmp_path, unguarded):
+    p, executor = sample(PENDULUM, 7, 10), InProcess()
+    generate(PENDULUM, tmp_path / "d", p, executor=executor, settings=SMALL)
+    for change in ({"seed": 1}, {"settings": dataclasses.replace(SMALL, starts=3)}):
+        with pytest.raises(DatabaseError, match="other parameters, settings or seed"):
+            generate(PENDULUM, tmp_path / "d", p, **({"executor": executor, "settings": SMALL} | change))
+    with pytest.raises(DatabaseError, match="other parameters, settings or seed"):
+        generate(PENDULUM, tmp_path / "d", p + 1e-9, executor=executor, settings=SMALL)
+    with pytest.raises(DatabaseError, match="made for PendulumSwingup-v0"):
+        generate(DOUBLE_INTEGRATOR, tmp_path / "d", np.zeros((3, 2)), executor=executor)
+
+
+def test_parameters_are_checked_before_anything_is_written(tmp_path):
+    with pytest.raises(OutsideBoxError, match="extrapolate"):
+        generate(PENDULUM, tmp_path / "d", np.array([[0.0, 9.0]]))
+    with pytest.raises(ValueError, match="finite"):
+        generate(PENDULUM, tmp_path / "d", np.array([[np.nan, 0.0]]))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"first": 0}, {"chunk": 0}, {"starts": 0}, {"neighbours": 0}, {"cold": -1}, {"margin": -1.0}, {"guess": "wild"}],
+)
+def test_settings_are_checked(change):
+    with pytest.raises(ValueError, match=f"{next(iter(change))} must be"):
+        GenerationSettings(**change)

@@ -1,0 +1,185 @@
+"""advance() against an independent integrator, and under bad input."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import ocp_envs
+from ocp_envs.envs.simulation import Simulator, largest_cost_rate
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
+
+PROBLEMS = [*(ocp_envs.load(name) for name in ocp_envs.names()), QUADCOPTER_OBSTACLE]
+each_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
+
+
+def draw(box, rows, seed, share=1.0):
+    """Uniform in the middle ``share`` of a box."""
+    centre, half = (box.lower + box.upper) / 2, (box.upper - box.lower) / 2
+    return centre + share * half * np.random.default_rng(seed).uniform(-1, 1, (rows, len(box)))
+
+
+def draw_all(problem, rows, share=1.0):
+    boxes = (problem.system.state, problem.system.control, problem.context)
+    return [draw(box, rows, seed, share) for seed, box in enumerate(boxes)]
+
+
+def dop853(problem, x, u, s, dt, w=0.0):
+    rate = problem.batch_rate()
+
+    def derivative(t, y):
+        velocity, cost = rate(y[None, :-1], u[None], s[None])
+        return np.append(velocity[0] + w, cost[0])
+
+    solution = solve_ivp(derivative, (0, dt), np.append(x, 0.0), method="DOP853", rtol=1e-12, atol=1e-12)
+    return solution.y[:-1, -1], solution.y[-1, -1]
+
+
+@each_problem
+def test_agrees_with_dop853(problem):
+    x, u, s = draw_all(problem, 25, share=0.3)
+    step = Simulator(problem, 0.02).advance(x, u, s)
+    for i in range(len(x)):
+        state, cost = dop853(problem, x[i], u[i], s[i], 0.02)
+        np.testing.assert_allclose(step.states[i], state, atol=5e-6)
+        assert step.cost[i] == pytest.approx(cost, abs=5e-6)
+    assert not step.left_box.any()
+
+
+@each_problem
+def test_converges_with_order_four(problem):
+    x, u, s = draw_all(problem, 20, share=0.2)
+    dt = 0.1
+    reference = np.array([dop853(problem, *row, dt)[0] for row in zip(x, u, s)])
+    errors = [np.linalg.norm(Simulator(problem, dt, n).advance(x, u, s).states - reference) for n in (2, 4, 8)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(np.abs(orders - 4) < 0.35), (errors, orders)
+
+
+def test_a_tick_is_divided_into_steps_of_at_most_20_ms():
+    assert [Simulator(PENDULUM, dt).substeps for dt in (0.001, 0.02, 0.021, 0.1)] == [1, 1, 2, 5]
+
+
+@each_problem
+def test_disturbance_is_added_to_the_derivative(problem):
+    x, u, s = draw_all(problem, 5, share=0.3)
+    w = np.random.default_rng(3).normal(size=x.shape)
+    step = Simulator(problem, 0.02).advance(x, u, s, w)
+    for i in range(len(x)):
+        state, _ = dop853(problem, x[i], u[i], s[i], 0.02, w[i])
+        np.testing.assert_allclose(step.states[i], state, atol=5e-6)
+    none = Simulator(problem, 0.02).advance(x, u, s, np.zeros_like(x))
+    np.testing.assert_allclose(none.states, Simulator(problem, 0.02).advance(x, u, s).states, atol=1e-14)
+
+
+@each_problem
+def test_nothing_but_numbers_in_the_boxes_comes_out(problem):
+    x, u, s = draw_all(problem, 60)
+    generator = np.random.default_rng(5)
+    for array, values in ((x, [np.nan, np.inf, -np.inf, 1e300]), (u, [np.nan, np.inf, -np.inf, 1e300])):
+        rows = generator.integers(len(array), size=20)
+        array[rows, generator.integers(array.shape[1], size=20)] = generator.choice(values, size=20)
+    step = Simulator(problem, 0.02).advance(x, u, s)
+    box = problem.system.state
+    assert box.contains(step.states).all()
+    assert np.isfinite(step.cost).all()
+    assert np.isfinite(step.violation).all()
+    assert (step.violation >= 0).all()
+    assert step.left_box[~np.isfinite(x).all(axis=1)].all()
+    assert not (step.reached & step.left_box).any()
+
+
+def test_controls_are_clipped_and_nan_is_the_lower_bound():
+    simulator = Simulator(PENDULUM, 0.02)
+    x, s = np.zeros((4, 2)), np.zeros((4, 0))
+    wild = simulator.advance(x, [[7.0], [-np.inf], [np.nan], [0.5]], s)
+    tame = simulator.advance(x, [[1.0], [-1.0], [-1.0], [0.5]], s)
+    np.testing.assert_array_equal(wild.states, tame.states)
+    np.testing.assert_array_equal(wild.cost, tame.cost)
+
+
+def test_goal_ball_is_open_and_knows_whole_turns():
+    simulator = Simulator(PENDULUM, 1e-9)
+    theta = np.pi + np.array([0.0, 0.0999, 0.1001, -0.0999, 2 * np.pi, -4 * np.pi, 1.0])
+    x = np.stack([theta, np.zeros_like(theta)], axis=1)
+    step = simulator.advance(x, np.zeros((7, 1)), np.zeros((7, 0)))
+    assert step.reached.tolist() == [True, True, False, True, True, True, False]
+
+
+def test_leaving_the_box_clips_the_state():
+    x = np.array([[0.0, 6.0], [6 * np.pi - 1e-3, 5.9], [0.0, 0.0]])
+    step = Simulator(PENDULUM, 0.02).advance(x, np.ones((3, 1)), np.zeros((3, 0)))
+    assert step.left_box.tolist() == [True, True, False]
+    assert step.states[0, 1] == 6.0
+    assert step.states[1, 0] == 6 * np.pi
+
+
+def test_violation_is_the_depth_in_the_sphere_at_the_end_of_the_tick():
+    problem = QUADCOPTER_OBSTACLE
+    x = np.zeros((3, 12))
+    x[:, 0] = [0.0, 2.5, 4.0]
+    s = np.tile([1.0, 0.0, 0.0, 2.0], (3, 1))
+    step = Simulator(problem, 0.02).advance(x, np.tile(problem.goal.control, (3, 1)), s)
+    np.testing.assert_allclose(step.violation, [1.0, 0.5, 0.0], atol=1e-9)
+
+
+@each_problem
+def test_no_point_of_the_boxes_costs_more_than_the_largest_rate(problem):
+    x, u, s = draw_all(problem, 20_000)
+    x[:10_000] = np.where(x[:10_000] > 0, problem.system.state.upper, problem.system.state.lower)
+    rates = problem.batch_rate()(x, u, s)[1]
+    assert rates.max() <= largest_cost_rate(problem) < 20 * rates.max()
+
+
+def test_largest_rate_of_the_pendulum():
+    assert largest_cost_rate(PENDULUM) == 2.0
+
+
+def test_mismatch_is_a_problem_with_other_constants():
+    x, u, s = np.array([[1.0, 0.0]]), np.zeros((1, 1)), np.zeros((1, 0))
+    heavy = Simulator(PENDULUM.with_constants(gravity=2.0), 0.01).advance(x, u, s).states[0]
+    light = Simulator(PENDULUM, 0.01).advance(x, u, s).states[0]
+    assert heavy[1] == pytest.approx(2 * light[1], rel=1e-4)
+
+
+def test_a_cost_that_is_not_a_number_counts_as_leaving():
+    import casadi as ca
+
+    problem = dataclasses.replace(PENDULUM, id="Root-v0", cost_rate=lambda x, u, s, c: ca.sqrt(3 - x[1]))
+    step = Simulator(problem, 0.02).advance([[0.0, 0.0], [0.0, 5.0]], np.zeros((2, 1)), np.zeros((2, 0)))
+    assert step.left_box.tolist() == [False, True]
+    assert np.isfinite(step.cost).all()
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])
+def test_refuses_a_bad_dt(dt):
+    with pytest.raises(ValueError, match="dt must be a positive number"):
+        Simulator(PENDULUM, dt)
+
+
+def test_refuses_wrong_shapes():
+    simulator = Simulator(PENDULUM, 0.02)
+    with pytest.raises(ValueError, match=r"controls of shape \(3, 1\), got \(2, 1\)"):
+        simulator.advance(np.zeros((3, 2)), np.zeros((2, 1)), np.zeros((3, 0)))
+    with pytest.raises(ValueError, match="states"):
+        simulator.advance(np.zeros(2), np.zeros((1, 1)), np.zeros((1, 0)))
+    with pytest.raises(ValueError, match="substep"):
+        Simulator(PENDULUM, 0.02, 0)
+    with pytest.raises(ValueError, match="at least one row"):
+        simulator.bind(0)
+
+
+def test_in_place_equals_advance():
+    x, u, s = draw_all(QUADCOPTER_OBSTACLE, 6)
+    simulator = Simulator(QUADCOPTER_OBSTACLE, 0.02)
+    step = simulator.advance(x, u, s)
+    run = simulator.bind(6)
+    for own, values in zip(run.inputs, (x, u, s)):
+        own[:] = values
+    run()
+    np.testing.assert_array_equal(run.outputs[0], step.states)
+    np.testing.assert_array_equal(run.outputs[1].T, [step.cost, step.violation, step.reached, step.left_box])

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
+from moe_policy.experiments import comparison
+from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, Contestant
+from moe_policy.experiments.tables import ABSENT, markdown_table
+from moe_policy.learning import recipes
+from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.learning.training import validation_error
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.vehicle import VEHICLE
+from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.guesses import guesses
+from ocp_envs.solvers.solver import GuardedSolver
+from tests.synthetic import fake_samples
+
+
+class Zero:
+    """A policy that never does anything."""
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.zeros((len(observation), 1), np.float32), None
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """Starts of the pendulum and their plans to θ = π."""
+    p = sample(PENDULUM, 5, 10)
+    windings = np.ones(len(p), np.int64)
+    with GuardedSolver(PENDULUM) as solver:
+        solutions = solver.solve(p, guesses(PENDULUM, p, windings, np.random.default_rng(0)), windings)
+    assert solutions.solved.sum() >= 5
+    return p[solutions.solved], solutions.trajectory[solutions.solved], solutions.cost[solutions.solved]
+
+
+@pytest.fixture(scope="module")
+def baseline(solved):
+    p, plan, _ = solved
+    return comparison.run(PENDULUM, Contestant("optimal", lambda _: plan), p, batches=())
+
+
+@pytest.fixture(scope="module")
+def network():
+    return recipes.make("snn", fake_samples(count=100), settings=TrainingSettings(epochs=3))
+
+
+def test_everybody_becomes_a_policy(solved):
+    _, plan, _ = solved
+    planning = Contestant("plans", lambda p: plan)
+    assert isinstance(planning.policy(PENDULUM, 0.02), TrackingPolicy)
+    assert planning.planner is planning.actor
+    acting = Contestant("acts", Zero())
+    assert acting.planner is None
+    assert isinstance(acting.policy(PENDULUM, 0.02), Stabilised)
+    # The vehicle cannot hold its goal, and the stabiliser holds it from the start.
+    assert acting.policy(VEHICLE, 0.02) is acting.actor
+    stabiliser = Stabiliser(PENDULUM)
+    assert Contestant("stabiliser", stabiliser).policy(PENDULUM, 0.02) is stabiliser
+
+
+def test_solved_plans_succeed_at_their_own_cost(solved, baseline):
+    p, _, cost = solved
+    row, episodes = baseline
+    assert row["success"]["count"] == row["success"]["total"] == len(p)
+    assert row["success_at_plan_end"]["count"] == len(p)
+    assert row["cost_ratio"] == {"ratio": 1.0, "episodes": len(p)}
+    # The cost counts up to the first entry into the ball, a little before the plan's end.
+    assert (episodes.cost < cost * (1 + 1e-3)).all()
+    assert (episodes.cost > 0.8 * cost).all()
+
+
+def test_rows_of_networks_have_every_column(solved, baseline, network):
+    p, plan, _ = solved
+    contestant = Contestant("snn", network, "100 solutions", 1.5)
+    row, _ = comparison.run(PENDULUM, contestant, p, optimal=plan, baseline=baseline[1], batches=(1, 3))
+    assert {column.key for column in COLUMNS} <= set(row)
+    assert row == json.loads(json.dumps(row))
+    assert set(row["planning_seconds"]) == {"1", "3"}
+    assert row["validation_error"] == validation_error(network, p, plan)
+    assert row["test_error"] == network.report.test_error
+    assert (row["parameters_total"], row["training_seconds"]) == (network.parameters_total, 1.5)
+    *_, line = markdown_table([row], COLUMNS).splitlines()
+    assert f"{network.parameters_total:,}" in line
+    assert "100 solutions" in line
+
+
+def test_what_a_policy_without_a_plan_has_not_is_a_dash(solved, baseline):
+    p, _, _ = solved
+    row, episodes = comparison.run(PENDULUM, Contestant("zero", Zero()), p, baseline=baseline[1])
+    absent = {"success_at_plan_end", "plan_end_error_median", "parameters_total", "parameters_active", "data"}
+    assert all(row[key] is None for key in absent)
+    assert "planning_seconds" not in row
+    lines = markdown_table([baseline[0] | {"parameters_total": 1, "parameters_active": 1, "data": "-"}, row], COLUMNS)
+    head, *_, cells = [line.strip("| ").split(" | ") for line in lines.splitlines()]
+    texts = dict(zip(head, cells))
+    assert texts["policy"] == "zero"
+    assert {texts[c.title] for c in COLUMNS if c.key in absent} == {ABSENT}
+    assert not {"test error", "… on the whole path"} & set(head)  # nobody has one
+    shown = comparison.outcome("zero", episodes, PENDULUM)
+    assert (shown.success_at_plan_end, shown.errors) == (None, None)
+
+
+def test_outcomes_show_the_errors_of_plans(baseline):
+    row, episodes = baseline
+    shown = comparison.outcome("optimal", episodes, PENDULUM)
+    assert shown.success.count == row["success"]["count"]
+    np.testing.assert_array_equal(shown.errors, episodes.plan_end_error)
+
+
+def test_environments_run_on_beyond_the_goal():
+    envs = comparison.environments(PENDULUM, 2, 0.05)
+    envs.reset(options={"parameters": np.tile([[np.pi, 0.0]], (2, 1))})
+    _, _, terminated, truncated, infos = envs.step(np.zeros((2, 1), np.float32))
+    assert infos["is_success"].all()
+    assert not (terminated | truncated).any()
+    assert envs.unwrapped.dt == 0.05
+    envs.close()
+
+
+def test_the_table_of_training_variants():
+    spread = {"median": 990.0, "least": 985, "most": 999}
+    row = {"name": "moe-custom", "success_spread": spread, "paper_success": 998, "test_error_spread": {"median": 0.01}}
+    *_, line = markdown_table([row], TRAINING_COLUMNS).splitlines()
+    assert line == "| moe-custom | 990 (985–999) | 998 | 0.0100 |"
+    violated = {
+        "name": "snn",
+        "success_spread": spread,
+        "knot_violation_spread": {"median": 0.2},
+        "paper_violation": 0.3,
+    }
+    *_, first, second = markdown_table([row, violated], TRAINING_COLUMNS).splitlines()
+    assert first == f"| moe-custom | 990 (985–999) | 998 | {ABSENT} | {ABSENT} | 0.0100 |"
+    assert second == f"| snn | 990 (985–999) | {ABSENT} | 0.200 | 0.300 | {ABSENT} |"

@@ -1,0 +1,306 @@
+"""Perturbed plants: what the environment is told, that no perturbation is the plain rollout, and curves that go on."""
+
+import dataclasses
+import importlib
+import json
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import moe_policy
+import ocp_envs
+from moe_policy.experiments.comparison import Contestant, run
+from moe_policy.experiments.figures.robustness import draw_curves, robustness_figure
+from moe_policy.experiments.robustness import (
+    FIGURES,
+    PERTURBATIONS,
+    Perturbation,
+    level_key,
+    perturbations_of,
+    run_level,
+)
+from moe_policy.rollouts.rollout import environments
+from ocp_envs.envs.options import Settings
+from ocp_envs.problems import BENCHMARK
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.sets import reference
+from tests.small_problems import DOUBLE_INTEGRATOR
+
+ROOT = Path(__file__).resolve().parents[2]
+STARTS = np.array([[0.5, 0.0], [3.0, 0.4], [5.0, -1.0], [6.0, 1.5]])
+
+
+def of(problem, name):
+    return next(perturbation for perturbation in perturbations_of(problem) if perturbation.name == name)
+
+
+@pytest.fixture(scope="module")
+def stabiliser():
+    return [Contestant("stabiliser", moe_policy.Stabiliser(PENDULUM))]
+
+
+# -- what the environment is told --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("problem", BENCHMARK, ids=lambda problem: problem.id)
+def test_every_level_is_accepted_by_the_environments(problem):
+    for perturbation in PERTURBATIONS[problem.id]:
+        for level in perturbation.levels:
+            settings = Settings(problem, **perturbation.arguments(problem, level))
+            changed = bool(settings.constants) or settings.disturbed or settings.noisy or settings.delay > 0
+            assert changed == (level != 0)
+
+
+@pytest.mark.parametrize("problem", BENCHMARK, ids=lambda problem: problem.id)
+def test_the_plant_has_the_constants_and_the_planner_the_nominal_ones(problem):
+    for perturbation in PERTURBATIONS[problem.id]:
+        if perturbation.kind != "mismatch":
+            continue
+        for level in (0.0, perturbation.levels[-1]):
+            envs = environments(problem, 1, 0.02, **perturbation.arguments(problem, level))
+            expected = dict(problem.system.constants)
+            for name in perturbation.names:
+                expected[name] *= 1 + level / 100
+            for name in perturbation.divided:
+                expected[name] /= 1 + level / 100
+            assert envs.unwrapped.settings.simulator.problem.system.constants == pytest.approx(expected)
+            assert envs.unwrapped.problem is problem
+            envs.close()
+
+
+def rates(problem, perturbation, level, controls=1.0):
+    """ẋ at random states of the perturbed plant, the controls times a factor."""
+    rng = np.random.default_rng(0)
+    draws = [box.lower + rng.random((50, len(box))) * (box.upper - box.lower) for box in boxes(problem)]
+    constants = perturbation.arguments(problem, level).get("constants", {})
+    states, inputs, contexts = draws
+    return problem.with_constants(**constants).batch_rate()(states, controls * inputs, contexts)[0]
+
+
+def boxes(problem):
+    return problem.system.state, problem.system.control, problem.context
+
+
+@pytest.mark.parametrize("problem", [QUADCOPTER, QUADCOPTER_OBSTACLE], ids=lambda problem: problem.id)
+def test_a_thrust_gain_is_a_factor_of_the_controls(problem):
+    thrust = of(problem, "thrust")
+    np.testing.assert_allclose(rates(problem, thrust, 20.0), rates(problem, thrust, 0.0, 1.2), rtol=1e-12)
+
+
+def test_a_torque_gain_is_a_factor_of_the_control():
+    torque = of(PENDULUM, "torque")
+    np.testing.assert_allclose(rates(PENDULUM, torque, -30.0), rates(PENDULUM, torque, 0.0, 0.7), rtol=1e-12)
+
+
+def test_a_pendulum_twice_as_heavy_has_half_the_torque():
+    mass, torque = of(PENDULUM, "mass"), of(PENDULUM, "torque")
+    np.testing.assert_allclose(rates(PENDULUM, mass, 100.0), rates(PENDULUM, torque, -50.0), rtol=1e-12)
+
+
+def test_inertia_divides_accelerations():
+    """The pendulum's under all torques; the quadcopter's under those of its rotors, not under the gyroscopic ones."""
+    inertia = of(PENDULUM, "inertia")
+    nominal, heavy = (rates(PENDULUM, inertia, level) for level in (0.0, 25.0))
+    np.testing.assert_allclose(1.25 * heavy[:, 1], nominal[:, 1], rtol=1e-12)
+    inertia = of(QUADCOPTER, "inertia")
+    nominal, heavy = rates(QUADCOPTER, inertia, 0.0), rates(QUADCOPTER, inertia, 25.0, 1.25)
+    np.testing.assert_allclose(heavy[:, 9:], nominal[:, 9:], rtol=1e-9, atol=1e-9)
+    assert not np.allclose(heavy[:, 3:6], nominal[:, 3:6])
+
+
+def test_only_the_velocity_is_disturbed_and_noise_follows_the_scales():
+    np.testing.assert_array_equal(of(PENDULUM, "disturbance").arguments(PENDULUM, 0.5)["disturbance"], [0.0, 0.5])
+    for problem in BENCHMARK:
+        disturbance = of(problem, "disturbance")
+        units = {c.unit for c in problem.system.state.coordinates if c.name in disturbance.names}
+        assert {f"{unit}²" for unit in units} == {disturbance.unit}
+    noise = of(PENDULUM, "noise").arguments(PENDULUM, 10.0)["observation_noise"]
+    np.testing.assert_allclose(noise, 0.1 * PENDULUM.system.state.scale)
+
+
+def test_delays_are_whole_ticks():
+    delay = of(PENDULUM, "delay")
+    assert delay.arguments(PENDULUM, 60.0, 0.02) == {"delay": 3}
+    assert delay.arguments(PENDULUM, 60.0, 0.01) == {"delay": 6}
+    with pytest.raises(ValueError, match="whole ticks of 50 ms, got 60 ms"):
+        delay.arguments(PENDULUM, 60.0, 0.05)
+
+
+def test_a_problem_of_ones_own_has_perturbations():
+    names = {perturbation.name for perturbation in perturbations_of(DOUBLE_INTEGRATOR)}
+    assert names == {*DOUBLE_INTEGRATOR.system.constants, "noise", "delay"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"kind": "magic"}, "expected a kind of"),
+        ({"levels": (10.0, 20.0)}, "with 0 among them"),
+        ({"levels": (0.0, 20.0, 10.0)}, "expected increasing levels"),
+        ({"levels": (-100.0, 0.0)}, "expected levels above -100 %"),
+        ({"levels": (-1.0, 0.0), "kind": "noise"}, "expected levels of 0 or more"),
+    ],
+)
+def test_bad_perturbations_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(of(PENDULUM, "mass"), **change)
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+@pytest.mark.parametrize("part", ["names", "divided"])
+def test_unknown_constants_are_refused(level, part):
+    colour = Perturbation("colour", "colour", "%", "mismatch", (0.0, 1.0), **{part: ("colour",)})
+    with pytest.raises(ValueError, match=r"has no \['colour'\]; there are \['gravity', 'length'"):
+        colour.arguments(PENDULUM, level)
+
+
+# -- running -----------------------------------------------------------------------------------------------------------
+
+
+def test_no_perturbation_is_the_plain_rollout(stabiliser):
+    starts = ocp_envs.sample(PENDULUM, 3, 60)
+    plain, _ = run(PENDULUM, stabiliser[0], starts, batches=())
+    for perturbation in perturbations_of(PENDULUM):
+        (row,) = run_level(PENDULUM, stabiliser, starts, perturbation.arguments(PENDULUM, 0.0), seed=5)
+        assert row == {key: plain[key] for key in ("name", *FIGURES)}
+
+
+def test_the_seed_decides_the_noise(stabiliser):
+    starts = ocp_envs.sample(PENDULUM, 3, 60)
+    rough = of(PENDULUM, "disturbance").arguments(PENDULUM, 2.0)
+    (first,), (again,), (other,) = (run_level(PENDULUM, stabiliser, starts, rough, seed=s) for s in (0, 0, 999))
+    assert first == again
+    assert first != other
+    (calm,) = run_level(PENDULUM, stabiliser, starts, {})
+    assert first["success"]["count"] < calm["success"]["count"]
+
+
+def test_a_weak_motor_cannot_swing_up(stabiliser):
+    """At a tenth of the torque no pendulum gets up; the torque is what changes."""
+    (weak,) = run_level(PENDULUM, stabiliser, STARTS, of(PENDULUM, "torque").arguments(PENDULUM, -90.0))
+    (nominal,) = run_level(PENDULUM, stabiliser, STARTS, {})
+    assert weak["reached"]["count"] < nominal["reached"]["count"]
+
+
+def test_equal_plants_are_one_level():
+    keys = [level_key("who", p.arguments(PENDULUM, lv)) for p in perturbations_of(PENDULUM) for lv in p.levels]
+    distinct = sum(len(p.levels) - 1 for p in perturbations_of(PENDULUM)) + 1
+    assert len(set(keys)) == distinct
+    assert level_key("another", {}) not in keys
+
+
+# -- the figure --------------------------------------------------------------------------------------------------------
+
+
+def rows_of(problem, contestants, starts, perturbations):
+    return [
+        {"perturbation": p.name, "level": level} | row
+        for p in perturbations
+        for level in (p.levels[0], 0.0, p.levels[-1])
+        for row in run_level(problem, contestants, starts, p.arguments(problem, level))
+    ]
+
+
+def test_curves_show_the_rows(stabiliser):
+    from matplotlib.figure import Figure
+
+    mass = of(PENDULUM, "mass")
+    rows = rows_of(PENDULUM, stabiliser, STARTS, [mass])
+    axes = Figure().subplots()
+    draw_curves(axes, rows, ["stabiliser"], "success")
+    (line,) = axes.lines  # no dashed one: the stabiliser has no plan
+    np.testing.assert_array_equal(line.get_xdata(), [mass.levels[0], 0.0, mass.levels[-1]])
+    np.testing.assert_allclose(line.get_ydata(), [25 * row["success"]["count"] for row in rows])
+
+
+def test_the_figure_of_the_obstacle_shows_violations(monkeypatch, tmp_path):
+    contestants = [Contestant("stabiliser", moe_policy.Stabiliser(QUADCOPTER_OBSTACLE))]
+    perturbations = [of(QUADCOPTER_OBSTACLE, "delay")]
+    starts = reference.load(QUADCOPTER_OBSTACLE, "development").parameters[:2]
+    rows = rows_of(QUADCOPTER_OBSTACLE, contestants, starts, perturbations)
+    assert all(row["violation_mean"] is not None for row in rows)
+    drawn = []
+    monkeypatch.setattr(
+        "moe_policy.experiments.figures.robustness.draw_curves", lambda *arguments: drawn.append(arguments[-1])
+    )
+    robustness_figure(tmp_path / "r.png", rows, perturbations)
+    assert drawn == ["success", "violation_mean"]
+
+
+# -- the script --------------------------------------------------------------------------------------------------------
+
+
+class OneThread(ThreadPoolExecutor):
+    """In place of a pool of processes, which would not see what a test has changed."""
+
+    def __init__(self, workers):
+        super().__init__(1)
+
+
+@pytest.fixture
+def script(monkeypatch, stabiliser):
+    """The script on two perturbations of two contestants."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.delitem(sys.modules, "compare_robustness", raising=False)
+    module = importlib.import_module("compare_robustness")
+    perturbations = tuple(
+        dataclasses.replace(of(PENDULUM, name), levels=levels)
+        for name, levels in (("mass", (-30.0, 0.0, 30.0)), ("disturbance", (0.0, 2.0)))
+    )
+    nearest = moe_policy.load(PENDULUM.id, "nearest")
+    monkeypatch.setattr(module, "WorkerPool", OneThread)
+    monkeypatch.setattr(module, "perturbations_of", lambda problem: perturbations)
+    monkeypatch.setattr(module, "contestants", lambda problem: stabiliser)
+    monkeypatch.setattr(module, "solve_all", lambda problem, p, keep: (nearest(p), np.ones(len(p))))
+    return module
+
+
+@pytest.fixture
+def call(script, monkeypatch, tmp_path):
+    def call(*more):
+        folders = ("--data", tmp_path / "data", "--results", tmp_path / "results")
+        monkeypatch.setattr(sys, "argv", ["compare_robustness", *map(str, (*folders, "--cases", 6, *more))])
+        script.main()
+        return json.loads((tmp_path / "results" / f"robustness_{PENDULUM.id}.json").read_text())
+
+    return call
+
+
+def test_an_interrupted_run_goes_on(script, call, monkeypatch, tmp_path):
+    first = call()
+    pairs = {("mass", -30.0), ("mass", 0.0), ("mass", 30.0), ("disturbance", 0.0), ("disturbance", 2.0)}
+    assert {(row["perturbation"], row["level"], row["name"]) for row in first["rows"]} == {
+        (*pair, name) for pair in pairs for name in ("optimal", "stabiliser")
+    }
+    assert all(row["success"]["total"] == first["cases"] == 6 for row in first["rows"])
+    assert (tmp_path / "results" / f"robustness_{PENDULUM.id}.png").stat().st_size > 1000
+    kept = sorted((tmp_path / "data" / "robustness" / PENDULUM.id).iterdir())
+    assert len(kept) == 4  # the nominal plant once
+    kept[1].unlink()
+    runs = []
+    monkeypatch.setattr(script, "run_level", lambda *a, **k: runs.append(a) or run_level(*a, **k))
+    again = call()
+    assert len(runs) == 1
+    assert again["rows"] == first["rows"]
+    call("--seed", 1)
+    assert len(runs) == 5
+
+
+def test_what_is_kept_belongs_to_what_it_was_made_from(script, monkeypatch, tmp_path):
+    flat = np.zeros((4, PENDULUM.flat_size))
+    first = script.identity(PENDULUM, STARTS, flat, 0)
+    assert script.identity(PENDULUM, STARTS.copy(), flat.copy(), 0) == first
+    others = [
+        script.identity(PENDULUM, STARTS + 1e-9, flat, 0),
+        script.identity(PENDULUM, STARTS, flat + 1e-9, 0),
+        script.identity(PENDULUM, STARTS, flat, 1),
+    ]
+    monkeypatch.setattr(script.store, "SHIPPED", tmp_path)
+    (tmp_path / PENDULUM.id).mkdir()
+    (tmp_path / PENDULUM.id / "stabiliser.json").write_text("another model of the same name")
+    others.append(script.identity(PENDULUM, STARTS, flat, 0))
+    assert len({first, *others}) == 5

@@ -1,0 +1,98 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from moe_policy.learning.clustering import Labels, cluster
+from ocp_envs.data.samples import samples_of
+from ocp_envs.trajectory import Trajectory
+from tests.synthetic import FakeDatabase, fake_samples
+
+
+def agree(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two partitions are the same up to the names of their clusters."""
+    pairs = set(zip(a.tolist(), b.tolist()))
+    return len(pairs) == len(set(a.tolist())) == len(set(b.tolist()))
+
+
+def test_custom_clusters_are_the_modes():
+    samples = fake_samples(modes=3)
+    labels = cluster(FakeDatabase(samples), "custom")
+    np.testing.assert_array_equal(labels.values, samples.mode)
+    assert labels.names == samples.problem.modes.names
+    assert labels.sizes.tolist() == np.bincount(samples.mode).tolist()
+
+
+def test_modes_that_do_not_occur_are_left_out_and_names_kept():
+    samples = fake_samples(modes=3)
+    kept = samples.mode != 1
+    few = dataclasses.replace(
+        samples, parameters=samples.parameters[kept], trajectory=samples.trajectory[kept], mode=samples.mode[kept]
+    )
+    labels = cluster(few, "custom")
+    assert labels.k == 2
+    assert labels.names == (samples.problem.modes.names[0], samples.problem.modes.names[2])
+    assert set(labels.values) == {0, 1}
+
+
+@pytest.mark.parametrize("arguments", [{"method": "kmeans"}, {"method": "kmeans-pca", "components": 3}])
+def test_kmeans_finds_families_that_lie_apart(arguments):
+    samples = fake_samples(modes=3)
+    noise = np.random.default_rng(0).normal(size=(len(samples.mode), 75))
+    levels = np.array([0.0, 20.0, 35.0])[samples.mode]
+    apart = Trajectory.from_flat(levels[:, None] + noise, 25, 2, 1)
+    labels = cluster(dataclasses.replace(samples, trajectory=apart), k=3, **arguments)
+    assert agree(labels.values, samples.mode)
+    assert labels.settings["n_init"] == 10
+
+
+def test_kmeans_is_decided_by_its_seed():
+    samples = fake_samples()
+    first, again = (cluster(samples, "kmeans", k=5, seed=3).values for _ in range(2))
+    np.testing.assert_array_equal(first, again)
+
+
+def test_projection_on_all_components_changes_nothing():
+    samples = fake_samples(count=200, jump=60.0)
+    plain = cluster(samples, "kmeans", k=2)
+    projected = cluster(samples, "kmeans-pca", k=2, components=75)
+    assert agree(plain.values, projected.values)
+    assert projected.settings["explained"] == pytest.approx(1)
+
+
+def test_wrong_arguments_are_named():
+    samples = fake_samples(count=20)
+    with pytest.raises(ValueError, match="did you mean 'kmeans'"):
+        cluster(samples, "k-means", k=3)
+    with pytest.raises(ValueError, match="'k' is needed"):
+        cluster(samples, "kmeans")
+    with pytest.raises(ValueError, match="'k' is needed"):
+        cluster(samples, "custom", k=3)
+    with pytest.raises(ValueError, match="'components' is needed"):
+        cluster(samples, "kmeans-pca", k=3)
+    with pytest.raises(ValueError, match="k must lie in 1 … 20"):
+        cluster(samples, "kmeans", k=21)
+
+
+def test_unusable_samples_are_refused():
+    samples = fake_samples(count=20)
+    states = samples.trajectory.states.copy()
+    states[3] = np.nan
+    holed = Trajectory(states, samples.trajectory.controls, samples.trajectory.duration)
+    with pytest.raises(ValueError, match="1 of 20 trajectories are not finite"):
+        samples_of(dataclasses.replace(samples, trajectory=holed))
+    with pytest.raises(ValueError, match="as many trajectories"):
+        samples_of(dataclasses.replace(samples, parameters=samples.parameters[:5]))
+    with pytest.raises(ValueError, match="finite"):
+        samples_of(dataclasses.replace(samples, parameters=samples.parameters * np.nan))
+    with pytest.raises(TypeError, match="Database"):
+        samples_of(np.ones(3))
+
+
+def test_labels_are_checked():
+    with pytest.raises(ValueError, match="each of 0 … 1"):
+        Labels(np.array([0, 0, 2]), ("a", "b"), "custom")
+    with pytest.raises(ValueError, match="integers"):
+        Labels(np.array([0.0, 1.0]), ("a", "b"), "custom")

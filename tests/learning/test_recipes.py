@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.learning.recipes import FORMS, PRINCIPAL_COMPONENTS, make
+from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.planners.networks import ARGMAX, MixtureOfExperts, SingleNetwork, Softmax
+from tests.synthetic import FakeDatabase, fake_samples
+
+QUICK = TrainingSettings(epochs=3)
+SAMPLES = fake_samples(count=150, modes=3)
+
+
+@pytest.mark.parametrize(
+    ("name", "experts", "mixing"),
+    [
+        ("moe-custom", 3, ARGMAX),
+        ("moe-kmeans-2", 2, ARGMAX),
+        ("moe-kmeans-pca-4", 4, ARGMAX),
+        ("moe-random", 3, ARGMAX),
+        ("moe-retrained-argmax", 3, ARGMAX),
+        ("moe-retrained-softmax-1", 3, Softmax(1.0)),
+        ("moe-retrained-softmax-0.1", 3, Softmax(0.1)),
+    ],
+)
+def test_names_of_mixtures_say_what_is_made(name, experts, mixing):
+    planner = make(name, FakeDatabase(SAMPLES), settings=QUICK)
+    assert planner.name == name
+    assert isinstance(planner.network, MixtureOfExperts)
+    assert len(planner.network.experts) == experts
+    assert planner.mixing == mixing
+    assert planner(SAMPLES.parameters).finite.all()
+
+
+def test_the_clusters_are_those_of_the_name():
+    clusters = {k: make(k, SAMPLES, settings=QUICK).details["clusters"] for k in ("moe-custom", "moe-kmeans-pca-3")}
+    assert clusters["moe-custom"]["sizes"] == np.bincount(SAMPLES.mode).tolist()
+    assert clusters["moe-kmeans-pca-3"]["settings"]["k"] == 3
+    assert clusters["moe-kmeans-pca-3"]["settings"]["components"] == PRINCIPAL_COMPONENTS
+
+
+def test_joint_training_knows_no_clusters_and_retraining_begins_with_the_custom_mixture():
+    assert "clusters" not in make("moe-random", SAMPLES, settings=QUICK).details
+    retrained = make("moe-retrained-argmax", SAMPLES, settings=QUICK, seed=4)
+    custom = make("moe-custom", SAMPLES, settings=QUICK, seed=4)
+    assert retrained.details["pretraining"]["clusters"] == custom.details["clusters"]
+    # argmax leaves the gate as it was
+    np.testing.assert_array_equal(retrained.gate(SAMPLES.parameters)[1], custom.gate(SAMPLES.parameters)[1])
+
+
+def test_the_single_network_and_the_nearest_solution():
+    assert isinstance(make("snn", SAMPLES, settings=QUICK).network, SingleNetwork)
+    nearest = make("nearest", SAMPLES)
+    assert isinstance(nearest, NearestPlanner)
+    np.testing.assert_array_equal(nearest(SAMPLES.parameters).flat(), SAMPLES.trajectory.flat())
+
+
+def test_settings_and_seed_reach_the_training():
+    plans = [make("snn", SAMPLES, settings=QUICK, seed=seed)(SAMPLES.parameters[:5]).flat() for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(plans[0], plans[1])
+    assert np.abs(plans[0] - plans[2]).max() > 1e-3
+    for name in ("snn", "moe-custom", "moe-random"):
+        report = make(name, SAMPLES, settings=QUICK).report
+        assert {part.epochs for part in report.parts} == {3}
+
+
+@pytest.mark.parametrize(
+    "name", ["", "moe", "moe-kmeans", "moe-kmeans-x", "moe-retrained", "moe-retrained-softmax-", "SNN", "snn ", "sac"]
+)
+def test_other_names_are_refused_with_the_known_forms(name):
+    with pytest.raises(ValueError, match="no recipe for") as caught:
+        make(name, SAMPLES, settings=QUICK)
+    assert all(form in str(caught.value) for form in FORMS)

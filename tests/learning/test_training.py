@@ -1,0 +1,309 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import torch
+
+from moe_policy.learning import fitting, training
+from moe_policy.learning.architectures import Architecture, Experts
+from moe_policy.learning.checkpoint import Checkpoint, CheckpointError
+from moe_policy.learning.clustering import Labels, cluster
+from moe_policy.learning.fitting import PAPER, Split, TrainingSettings
+from moe_policy.learning.training import Annealing, fit_mixture, fit_mixture_jointly, fit_single, retrain
+from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.networks import ARGMAX, Softmax
+from moe_policy.planners.scaling import Standardizer
+from ocp_envs.problems.quadcopter import QUADCOPTER
+from ocp_envs.support.pool import WorkerPool
+from tests.synthetic import FakeDatabase, fake_samples
+
+QUICK = TrainingSettings(epochs=15)
+
+
+def weights(planner: NetworkPlanner) -> dict[str, torch.Tensor]:
+    return dict(planner.network.state_dict())
+
+
+def equal(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor]) -> bool:
+    return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
+
+
+@pytest.fixture(scope="module")
+def samples():
+    return fake_samples()
+
+
+@pytest.fixture(scope="module")
+def pretrained(samples):
+    return fit_mixture(samples, cluster(samples, "custom"), settings=QUICK)
+
+
+def test_the_seed_decides_every_weight_and_nothing_global_is_touched(samples):
+    torch.manual_seed(0)
+    np.random.seed(0)  # noqa: NPY002
+    states = torch.get_rng_state(), np.random.get_state()[1].copy()  # noqa: NPY002
+    first = fit_single(samples, settings=QUICK, seed=5)
+    assert torch.equal(torch.get_rng_state(), states[0])
+    np.testing.assert_array_equal(np.random.get_state()[1], states[1])  # noqa: NPY002
+    torch.manual_seed(9)
+    assert equal(weights(first), weights(fit_single(FakeDatabase(samples), settings=QUICK, seed=5)))
+    assert not equal(weights(first), weights(fit_single(samples, settings=QUICK, seed=6)))
+
+
+def test_mixtures_are_decided_by_their_seed(samples, pretrained):
+    again = fit_mixture(samples, cluster(samples, "custom"), settings=QUICK)
+    assert equal(weights(pretrained), weights(again))
+    first, second = (fit_mixture_jointly(samples, 3, settings=QUICK, seed=1) for _ in range(2))
+    assert equal(weights(first), weights(second))
+
+
+def test_the_scalers_see_the_training_split_only(samples):
+    planner = fit_single(samples, settings=QUICK, seed=2)
+    split = Split.draw(len(samples.parameters), 0.2, 2)
+    assert len(split.test) == 80
+    assert not set(split.training) & set(split.test)
+    for scaler, values in ((planner.inputs, samples.parameters), (planner.outputs, samples.trajectory.flat())):
+        wanted = Standardizer.fit(values[split.training])
+        np.testing.assert_array_equal(scaler.mean, wanted.mean)
+        np.testing.assert_array_equal(scaler.std, wanted.std)
+
+
+def test_an_executor_trains_the_same_mixture(samples, pretrained):
+    with WorkerPool(2) as pool:
+        parallel = fit_mixture(samples, cluster(samples, "custom"), settings=QUICK, executor=pool)
+    here, there = pretrained.network.state_dict(), parallel.network.state_dict()
+    assert list(here) == list(there)
+    for key, value in here.items():
+        np.testing.assert_allclose(there[key].numpy(), value.numpy(), atol=1e-6, err_msg=key)
+    assert [part.name for part in parallel.report.parts] == [part.name for part in pretrained.report.parts]
+    assert parallel.report.part("gate").accuracy == pretrained.report.part("gate").accuracy
+
+
+def test_the_report_is_true(samples, pretrained):
+    split = Split.draw(len(samples.parameters), 0.2, 0)
+    single = fit_single(samples, settings=QUICK)
+    for planner in (single, pretrained):
+        error = training.test_error(planner, samples.parameters[split.test], samples.trajectory[split.test])
+        assert planner.report.test_error == pytest.approx(error, rel=1e-4)
+        training_details = dict(planner.details["training"])
+        assert training_details.pop("peak_memory_gb") > 0.05
+        assert training_details == planner.report.summary()
+    part = single.report.part("single")
+    assert part.test_loss == pytest.approx(single.report.test_error, rel=1e-5)
+    assert part.epochs == 15
+    assert part.test_loss == min(part.test_losses) == part.test_losses[part.best_epoch]
+    gate = pretrained.report.part("gate")
+    choice, _ = pretrained.gate(samples.parameters[split.test])
+    assert gate.accuracy == pytest.approx((choice == samples.mode[split.test]).mean())
+    with pytest.raises(KeyError, match="'gate', 'expert 0', 'expert 1'"):
+        pretrained.report.part("expert 7")
+
+
+def test_experts_learn_their_own_cluster_alone(samples, pretrained):
+    # Other trajectories in cluster 1 must leave expert 0 as it is; scalers are held by keeping the flat rows' multiset.
+    swapped = samples.trajectory.flat().copy()
+    split = Split.draw(len(swapped), 0.2, 0)
+    rows = split.training[samples.mode[split.training] == 1]
+    swapped[rows] = swapped[rows[::-1]]
+    system = samples.problem.system
+    other = dataclasses.replace(
+        samples, trajectory=type(samples.trajectory).from_flat(swapped, samples.problem.knots, system.nx, system.nu)
+    )
+    changed = fit_mixture(other, cluster(other, "custom"), settings=QUICK)
+    for i, same in ((0, True), (1, False)):
+        a, b = (planner.network.experts[i].state_dict() for planner in (pretrained, changed))
+        close = all(torch.allclose(a[key], b[key], atol=1e-4) for key in a)
+        assert close is same
+
+
+def test_a_mixture_of_one_expert_is_the_single_network(samples):
+    everything = Labels(np.zeros(len(samples.parameters), dtype=int), ("all",), "custom")
+    sizes = Architecture((20,), (5,), Experts((20,), (20,)))
+    mixture = fit_mixture(samples, everything, settings=QUICK, architecture=sizes)
+    single = fit_single(samples, settings=QUICK, sizes=(2, 20, 75))
+    wanted = single(samples.parameters).flat()
+    for mixing in (ARGMAX, Softmax(1.0)):
+        np.testing.assert_allclose(mixture.with_mixing(mixing)(samples.parameters).flat(), wanted, atol=1e-5)
+
+
+def test_a_mixture_beats_a_single_network_at_a_jump():
+    samples, fresh = fake_samples(count=800), fake_samples(count=500, seed=1)
+    settings = TrainingSettings(epochs=120)
+    single = fit_single(samples, settings=settings)
+    mixture = fit_mixture(samples, cluster(samples, "custom"), settings=settings)
+    assert mixture.parameters_total < single.parameters_total
+    near = np.abs(fresh.parameters[:, 0] - np.pi) < 0.3
+    clear = near & (np.abs(fresh.parameters[:, 0] - np.pi) > 0.05)
+    rows = np.flatnonzero(clear)
+    errors = [
+        training.validation_error(planner, fresh.parameters[rows], fresh.trajectory[rows])
+        for planner in (single, mixture)
+    ]
+    assert errors[1] < errors[0] / 4
+
+
+def test_epsilon_falls_geometrically_and_then_stays():
+    annealing = Annealing(start=1.0, end=0.01, share=0.8)
+    epsilon = np.array([annealing.epsilon(epoch, 100) for epoch in range(100)])
+    assert epsilon[0] == 1.0
+    np.testing.assert_allclose(epsilon[80:], 0.01)
+    np.testing.assert_allclose(epsilon[1:81] / epsilon[:80], 0.01 ** (1 / 80))
+    with pytest.raises(ValueError, match="end ≤ start"):
+        Annealing(start=0.1, end=1.0)
+
+
+def test_joint_training_keeps_weights_of_the_settled_phase(samples):
+    planner = fit_mixture_jointly(samples, 2, settings=QUICK, annealing=Annealing(end=0.05, share=0.6))
+    assert planner.report.part("mixture").best_epoch >= 9
+    assert planner.mixing == ARGMAX
+    assert planner.details["annealing"] == {"start": 1.0, "end": 0.05, "share": 0.6}
+
+
+def test_joint_training_learns(samples):
+    planner = fit_mixture_jointly(samples, 2, settings=TrainingSettings(epochs=60))
+    losses = planner.report.part("mixture").training_losses
+    assert losses[-1] < losses[0] / 3
+
+
+def test_retraining_with_argmax_leaves_the_gate(samples, pretrained):
+    before = {key: value.clone() for key, value in weights(pretrained).items()}
+    retrained = retrain(pretrained, samples, ARGMAX, settings=QUICK)
+    assert equal(before, weights(pretrained))
+    for key, value in weights(retrained).items():
+        assert torch.equal(value, before[key]) is key.startswith("gate"), key
+    assert (retrained.name, retrained.mixing) == ("moe-retrained-argmax", ARGMAX)
+    assert retrained.details["pretraining"]["clusters"]["method"] == "custom"
+
+
+@pytest.mark.parametrize("epsilon", [1.0, 0.1])
+def test_retraining_with_softmax_moves_the_gate(samples, pretrained, epsilon):
+    retrained = retrain(pretrained, samples, Softmax(epsilon), settings=QUICK)
+    assert not equal(dict(retrained.network.gate.state_dict()), dict(pretrained.network.gate.state_dict()))
+    assert (retrained.name, retrained.mixing) == (f"moe-retrained-softmax-{epsilon:g}", Softmax(epsilon))
+    assert retrained.outputs is pretrained.outputs
+
+
+def test_patience_stops_and_the_best_weights_are_kept(samples):
+    settings = dataclasses.replace(PAPER, learning_rate=0.1, epochs=300)
+    part = fit_single(samples, settings=settings).report.part("single")
+    assert part.epochs < 300
+    assert part.epochs == part.best_epoch + 8 + 1
+    assert min(part.test_losses) == part.test_loss
+
+
+def test_the_learning_rate_follows_half_a_cosine():
+    settings = TrainingSettings(epochs=100, learning_rate=2.0, final_fraction=0.1)
+    assert settings.rate(0) == pytest.approx(2.0)
+    assert settings.rate(50) == pytest.approx(2.0 * 0.55)
+    assert settings.rate(100) == pytest.approx(0.2)
+    assert PAPER.rate(700) == 1e-3
+
+
+def test_validation_error_of_a_known_offset(samples):
+    trajectory = samples.trajectory
+    moved = dataclasses.replace(trajectory, states=trajectory.states + 0.5, duration=trajectory.duration + 3.0)
+    error = training.validation_error(lambda p: moved, samples.parameters, trajectory)
+    assert error == pytest.approx((50 * 0.5**2 / 2 + 1 * (3.0 - 0.5)) / 75)
+
+
+def test_clusters_without_test_rows_are_tested_on_their_training_rows():
+    split = Split(np.array([0, 2, 3]), np.array([1, 4]))
+    alone = split.within(np.array([True, False, True, False, False]))
+    np.testing.assert_array_equal(alone.test, alone.training)
+
+
+def test_mistakes_are_named(samples, pretrained):
+    with pytest.raises(ValueError, match=r"needs layer sizes \(2, …, 75\)"):
+        fit_single(samples, sizes=(3, 20, 75), settings=QUICK)
+    with pytest.raises(ValueError, match="labels of 2 samples"):
+        fit_mixture(samples, Labels(np.array([0, 1]), ("a", "b"), "custom"), settings=QUICK)
+    lonely = np.zeros(len(samples.parameters), dtype=int)
+    lonely[Split.draw(len(lonely), 0.2, 0).test[0]] = 1
+    with pytest.raises(ValueError, match="no training sample"):
+        fit_mixture(samples, Labels(lonely, ("a", "b"), "custom"), settings=QUICK)
+    with pytest.raises(ValueError, match="at least 1"):
+        fit_mixture_jointly(samples, 0, settings=QUICK)
+    with pytest.raises(TypeError, match="single network"):
+        retrain(fit_single(samples, settings=TrainingSettings(epochs=1)), samples)
+    with pytest.raises(ValueError, match="as many trajectories"):
+        training.validation_error(pretrained, samples.parameters[:3], samples.trajectory)
+    with pytest.raises(ValueError):
+        fit_single(dataclasses.replace(samples, problem=QUADCOPTER), settings=QUICK)
+
+
+class Stop(Exception):
+    """What interrupts a training."""
+
+
+def interrupt(monkeypatch, after):
+    """The training of any network stops after so many epochs, in all; with every state kept."""
+    passed = [0]
+
+    def one_epoch(*arguments, run=fitting._one_epoch):
+        if passed[0] == after:
+            raise Stop
+        passed[0] += 1
+        return run(*arguments)
+
+    monkeypatch.setattr(fitting, "_one_epoch", one_epoch)
+    monkeypatch.setattr(Checkpoint, "due", True)
+
+
+@pytest.mark.parametrize("after", [4, 20, 44])
+def test_an_interrupted_training_goes_on_and_ends_with_the_same_weights(samples, pretrained, tmp_path, after):
+    def train():
+        return fit_mixture(samples, cluster(samples, "custom"), settings=QUICK, checkpoints=tmp_path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt(patch, after)
+        with pytest.raises(Stop):
+            train()
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt(patch, 15 * len(pretrained.report.parts) - after)  # what was done is not done again
+        again = train()
+    assert equal(weights(pretrained), weights(again))
+    for part, wanted in zip(again.report.parts, pretrained.report.parts, strict=True):
+        assert (part.training_losses, part.test_losses) == (wanted.training_losses, wanted.test_losses)
+
+
+def test_a_training_that_ran_out_of_patience_stays_finished(samples, tmp_path):
+    hasty = TrainingSettings(epochs=200, patience=1, learning_rate=0.05, final_fraction=1.0)
+    first = fit_single(samples, settings=hasty, checkpoints=tmp_path)
+    assert first.report.parts[0].epochs < 200
+    with pytest.MonkeyPatch.context() as patch:
+        interrupt(patch, 0)
+        again = fit_single(samples, settings=hasty, checkpoints=tmp_path)
+    assert equal(weights(first), weights(again))
+    assert first.report.parts == again.report.parts
+
+
+def test_checkpoints_of_another_training_are_refused(samples, tmp_path):
+    fit_single(samples, settings=QUICK, checkpoints=tmp_path)
+    for other in ({"seed": 1}, {"settings": TrainingSettings(epochs=16)}):
+        with pytest.raises(CheckpointError, match="other data, settings or seed"):
+            fit_single(samples, **({"settings": QUICK, "checkpoints": tmp_path} | other))
+    (tmp_path / "single.pt").write_bytes(b"no checkpoint")
+    with pytest.raises(CheckpointError, match=r"single\.pt is damaged, or not a checkpoint; delete it"):
+        fit_single(samples, settings=QUICK, checkpoints=tmp_path)
+
+
+def test_a_loss_that_explodes_is_an_error(samples):
+    with pytest.raises(FloatingPointError, match="lower learning_rate"):
+        fit_single(samples, settings=TrainingSettings(epochs=200, learning_rate=1e30))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [{"epochs": 0}, {"batch": 0}, {"patience": 0}, {"learning_rate": 0.0}, {"final_fraction": 0}, {"test_share": 1.0}],
+)
+def test_settings_are_checked(arguments):
+    with pytest.raises(ValueError, match=next(iter(arguments))):
+        TrainingSettings(**arguments)
+
+
+def test_only_samples_of_its_own_problem_retrain_a_planner(samples, pretrained):
+    other = dataclasses.replace(samples, problem=samples.problem.with_constants(mass=2.0))
+    with pytest.raises(ValueError, match="of a variant of it"):
+        retrain(pretrained, other, settings=QUICK)

@@ -1,0 +1,109 @@
+"""Figures against closed forms and counts by hand."""
+
+import json
+
+import numpy as np
+import pytest
+
+from moe_policy.rollouts.episodes import Episodes
+from moe_policy.rollouts.metrics import CostRatio, Share, cost_ratio, evaluate, time_planner
+from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
+
+
+def episodes(size=4, **values):
+    nan, none = np.full(size, np.nan), np.zeros(size, bool)
+    defaults = {
+        "parameters": np.arange(2.0 * size).reshape(size, 2),
+        "reached": ~none,
+        "success": ~none,
+        "cost": np.ones(size),
+        "entry_time": np.ones(size),
+        "judging_time": np.ones(size),
+        "final_error": np.zeros(size),
+        "plan_end_error": nan,
+        "left_box": none,
+        "violation": np.zeros(size),
+        "knot_violation": nan,
+        "clipped": none,
+        "rejected": none,
+    }
+    return Episodes(**{**defaults, **{k: np.asarray(v) for k, v in values.items()}})
+
+
+@pytest.mark.parametrize(("count", "total"), [(0, 10), (7, 10), (998, 1000), (1000, 1000)])
+def test_wilson_interval_is_the_root_of_its_quadratic(count, total):
+    z = 1.959963984540054
+    share = count / total
+    centre = (share + z**2 / (2 * total)) / (1 + z**2 / total)
+    half = z / (1 + z**2 / total) * np.sqrt(share * (1 - share) / total + z**2 / (4 * total**2))
+    np.testing.assert_allclose(Share(count, total).interval, [centre - half, centre + half], atol=1e-12)
+
+
+@pytest.mark.parametrize(("count", "total"), [(-1, 3), (4, 3), (0, 0)])
+def test_impossible_shares_are_refused(count, total):
+    with pytest.raises(ValueError, match="expected"):
+        Share(count, total)
+
+
+def test_figures_of_a_planning_policy():
+    run = episodes(
+        5,
+        success=[True, True, False, True, False],
+        plan_end_error=[0.01, 0.02, 0.3, 0.04, 5.0],
+        final_error=[0.0, 0.0, 1.0, 0.0, 3.0],
+        left_box=[False, False, False, False, True],
+        clipped=[True, False, False, False, False],
+        rejected=[False, False, True, False, False],
+    )
+    metrics = evaluate(DOUBLE_INTEGRATOR, run)
+    assert metrics.success == Share(3, 5)
+    assert metrics.success_at_plan_end == Share(3, 5)
+    assert metrics.plan_end_error_median == 0.04
+    np.testing.assert_allclose(metrics.plan_end_error_95, 0.3 + 0.8 * 4.7)
+    assert (metrics.left_box, metrics.clipped, metrics.rejected) == (1, 1, 1)
+    assert metrics.violation_mean is None
+    assert metrics.cost_ratio is None
+
+
+def test_figures_of_a_policy_without_a_plan_are_absent():
+    metrics = evaluate(DOUBLE_INTEGRATOR, episodes())
+    assert metrics.success_at_plan_end is None
+    assert metrics.plan_end_error_median is None
+    record = json.loads(json.dumps(metrics.record()))
+    assert record["success"]["count"] == 4
+    assert record["success_at_plan_end"] is None
+
+
+def test_violations_are_reported_where_there_are_constraints():
+    run = episodes(violation=[0.0, 0.1, 0.3, 0.0], knot_violation=[0.0, 0.1, np.nan, 0.2], plan_end_error=[0.0] * 4)
+    metrics = evaluate(WALLED_INTEGRATOR, run)
+    np.testing.assert_allclose([metrics.violation_mean, metrics.violation_max], [0.1, 0.3])
+    np.testing.assert_allclose([metrics.knot_violation_mean, metrics.knot_violation_max], [0.1, 0.2])
+
+
+def test_costs_are_compared_where_both_reach():
+    run = episodes(cost=[2.0, 3.0, 100.0, 5.0], reached=[True, True, False, True])
+    baseline = episodes(cost=[1.0, 2.0, 1.0, 100.0], reached=[True, True, True, False])
+    assert cost_ratio(run, baseline) == CostRatio(5.0 / 3.0, 2)
+    assert evaluate(DOUBLE_INTEGRATOR, run, baseline).cost_ratio == CostRatio(5.0 / 3.0, 2)
+    nowhere = episodes(reached=[False] * 4)
+    assert cost_ratio(nowhere, baseline) == CostRatio(None, 0)
+    with pytest.raises(ValueError, match="same parameters"):
+        cost_ratio(run, episodes(parameters=np.zeros((4, 2))))
+
+
+def test_no_episodes_are_refused():
+    with pytest.raises(ValueError, match="at least one"):
+        evaluate(DOUBLE_INTEGRATOR, episodes(0))
+
+
+def test_planning_is_timed_per_plan():
+    sizes = []
+
+    def planner(p):
+        sizes.append(len(p))
+
+    seconds = time_planner(planner, np.zeros((7, 2)), (1, 1000), repeats=3)
+    assert sizes == [1] * 4 + [1000] * 4
+    assert set(seconds) == {1, 1000}
+    assert 0 < seconds[1000] < seconds[1]

@@ -1,0 +1,280 @@
+"""The loop against replays by hand, closed forms, and policies that misbehave."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gymnasium.vector import VectorWrapper
+
+from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
+from moe_policy.protocols import Schedule
+from moe_policy.rollouts.rollout import Episodes, rollout
+from ocp_envs import Env, VectorEnv
+from ocp_envs.envs.simulation import Simulator
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.solvers.guesses import guesses
+from ocp_envs.solvers.solver import Solver
+from ocp_envs.trajectory import Trajectory
+from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR, rest_to_rest
+
+
+def vector(problem, n, **arguments):
+    arguments = {"terminate_at_goal": False, "autoreset_mode": "Disabled", **arguments}
+    return VectorEnv(problem, n, **arguments)
+
+
+def rest_planner(p):
+    return Trajectory(*rest_to_rest(p[:, 0], 4.0, 21))
+
+
+def constant(value, **attributes):
+    def predict(observation, state=None, episode_start=None, deterministic=True):
+        return np.full((len(observation), 1), value, np.float32), None
+
+    return SimpleNamespace(predict=predict, **attributes)
+
+
+STARTS = np.array([[2.0, 0.0], [-1.0, 0.0], [0.5, 0.0]])
+
+
+def test_exact_plan_ends_at_the_goal_with_the_cost_of_the_closed_form():
+    envs = vector(DOUBLE_INTEGRATOR, 3)
+    episodes = rollout(envs, TrackingPolicy(DOUBLE_INTEGRATOR, rest_planner), STARTS, record=True)
+    assert episodes.success.all()
+    assert episodes.reached.all()
+    np.testing.assert_allclose(episodes.plan_end_error, 0, atol=1e-6)
+    np.testing.assert_allclose(episodes.judging_time, 6.0)
+    force = STARTS[:, 0] / 4
+    np.testing.assert_allclose(episodes.cost, episodes.entry_time * (1 + force**2 / 2), rtol=1e-5)
+    # On the way in x = a/2 τ², v = −a τ with τ to go, so the ball is entered at τ² (τ²/4 + 1) a² = radius².
+    a = np.abs(force)
+    tau = np.sqrt(2 * (np.sqrt(1 + DOUBLE_INTEGRATOR.goal.radius**2 / a**2) - 1))
+    assert np.all((episodes.entry_time >= 4 - tau - 1e-6) & (episodes.entry_time <= 4 - tau + 0.02))
+    assert episodes.states.shape == (3, 301, 2)
+    assert episodes.controls.shape == (3, 300, 1)
+    np.testing.assert_allclose(episodes.states[:, 200], 0, atol=1e-6)
+
+
+def test_an_exact_plan_replayed_open_loop_through_the_simulator_gives_its_states_and_cost():
+    plan = rest_planner(STARTS)
+    simulator = Simulator(DOUBLE_INTEGRATOR, 0.2, DOUBLE_INTEGRATOR.substeps)
+    x, cost = plan.states[:, 0], np.zeros(3)
+    for i in range(20):
+        step = simulator.advance(x, plan.controls[:, i], np.zeros((3, 0)))
+        x, cost = step.states, cost + step.cost
+        np.testing.assert_allclose(x, plan.states[:, i + 1], atol=1e-12)
+    np.testing.assert_allclose(cost, 4 * (1 + (STARTS[:, 0] / 4) ** 2 / 2), rtol=1e-12)
+
+
+def test_solved_plans_replay_through_the_simulator_and_track_to_the_goal():
+    """The transcription and the simulation never meet; their steps are the same all the same."""
+    rng = np.random.default_rng(4)
+    p = rng.uniform(PENDULUM.parameters.lower, PENDULUM.parameters.upper, (12, 2))
+    windings = np.ones(len(p), np.int64)
+    solutions = Solver(PENDULUM).solve(p, guesses(PENDULUM, p, windings, rng), windings)
+    p, plan, cost = (values[solutions.solved] for values in (p, solutions.trajectory, solutions.cost))
+    assert len(p) >= 8
+    for row in range(len(p)):
+        simulator = Simulator(PENDULUM, plan.step[row], PENDULUM.substeps)
+        x, paid = plan.states[row, :1], 0.0
+        for i in range(PENDULUM.knots - 1):
+            step = simulator.advance(x, plan.controls[row, i : i + 1], np.zeros((1, 0)))
+            x, paid = step.states, paid + step.cost[0]
+            np.testing.assert_allclose(x[0], plan.states[row, i + 1], atol=1e-4)
+        np.testing.assert_allclose(paid, cost[row], rtol=1e-5)
+    episodes = rollout(vector(PENDULUM, len(p)), TrackingPolicy(PENDULUM, lambda _: plan), p)
+    assert episodes.success.all()
+    assert episodes.plan_end_error.max() < 1e-3
+
+
+def test_batches_do_not_change_the_episodes():
+    policy = TrackingPolicy(DOUBLE_INTEGRATOR, rest_planner)
+    one = rollout(vector(DOUBLE_INTEGRATOR, 3), policy, STARTS, record=True)
+    two = rollout(vector(DOUBLE_INTEGRATOR, 2), policy, STARTS, record=True)
+    for name in Episodes.__dataclass_fields__:
+        np.testing.assert_allclose(getattr(one, name), getattr(two, name), atol=1e-9, err_msg=name)
+
+
+def test_rows_agree_with_single_environments_stepped_by_hand():
+    policy = Stabiliser(PENDULUM)
+    p = np.array([[2.5, 0.3], [4.0, -0.5], [0.4, 0.0], [np.pi + 0.01, 0.0]])
+    episodes = rollout(vector(PENDULUM, 4), policy, p)
+    for row, parameter in enumerate(p):
+        env = Env(PENDULUM, terminate_at_goal=False)
+        observation, _ = env.reset(options={"parameters": parameter})
+        cost, entry = 0.0, 0 if PENDULUM.goal_error(env.state) < 0.1 else None
+        for tick in range(1000):
+            if entry is not None and tick == entry + 250:
+                break
+            observation, reward, _, _, info = env.step(policy.predict(observation)[0])
+            if entry is None:
+                cost -= reward
+                entry = tick + 1 if info["is_success"] else None
+        assert episodes.reached[row] == (entry is not None)
+        assert episodes.success[row] == (PENDULUM.goal_error(env.state) < 0.1)
+        np.testing.assert_allclose(episodes.cost[row], cost, rtol=1e-6)
+        np.testing.assert_allclose(episodes.final_error[row], PENDULUM.goal_error(env.state), atol=1e-5)
+        expected = 20.0 if entry is None else min(entry * 0.02 + 5.0, 20.0)
+        np.testing.assert_allclose(episodes.judging_time[row], expected)
+
+
+def test_starting_in_the_goal_ball_costs_nothing_and_is_judged_after_the_hold():
+    episodes = rollout(vector(PENDULUM, 1), Stabiliser(PENDULUM), [[np.pi, 0.01]])
+    assert episodes.success.all()
+    assert episodes.cost[0] == 0
+    assert episodes.entry_time[0] == 0
+    assert episodes.judging_time[0] == 5.0
+
+
+def test_passing_through_the_ball_is_reaching_but_not_success():
+    swing = constant(0.0)
+    through = np.array([[np.pi - 0.3, 0.31]])  # just enough energy to pass upright slowly
+    episodes = rollout(vector(PENDULUM, 1), swing, through)
+    assert episodes.reached.all()
+    assert not episodes.success.any()
+    np.testing.assert_allclose(episodes.cost, episodes.entry_time, rtol=1e-9)  # L = 1 + 0²
+    held = rollout(vector(PENDULUM, 1), Stabilised(swing, PENDULUM), through)
+    assert held.success.all()
+    np.testing.assert_allclose(held.cost, episodes.cost, rtol=1e-12)
+
+
+def test_never_reaching_costs_the_whole_episode():
+    episodes = rollout(vector(PENDULUM, 1), constant(0.0), [[0.0, 0.0]], horizon=3.0)
+    assert not episodes.reached.any()
+    np.testing.assert_allclose(episodes.cost, 3.0)
+    assert np.isnan(episodes.entry_time).all()
+    assert np.isnan(episodes.plan_end_error).all()
+    np.testing.assert_allclose(episodes.final_error, np.pi)
+
+
+def test_leaving_the_box_is_charged_and_ends_the_episode():
+    policy = constant(1.0)
+    episodes = rollout(vector(DOUBLE_INTEGRATOR, 2), policy, [[5.0, 1.0], [-5.0, -1.0]], record=True)
+    np.testing.assert_array_equal(episodes.left_box, [True, True])
+    assert not episodes.success.any()
+    assert (episodes.judging_time < 10).all()
+    # L ≤ 1.5: the ticks before at 1.5 (u = 1), the rest of 15 s at the largest rate, which is 1.5 as well.
+    np.testing.assert_allclose(episodes.cost, 15 * 1.5, rtol=1e-6)
+    last = np.isfinite(episodes.states[0, :, 0]).sum() - 1
+    np.testing.assert_allclose(last * 0.02, episodes.judging_time[0])
+
+
+def test_a_planner_that_leaves_the_box_fails_at_its_end():
+    def runaway(p):
+        return Trajectory(np.tile([[[19.0, 9.0]]], (len(p), 21, 1)), np.ones((len(p), 20, 1)), np.full(len(p), 12.0))
+
+    episodes = rollout(vector(DOUBLE_INTEGRATOR, 1), TrackingPolicy(DOUBLE_INTEGRATOR, runaway), [[5.0, 1.0]])
+    assert episodes.left_box.all()
+    assert not episodes.success.any()
+    np.testing.assert_allclose(episodes.plan_end_error, episodes.final_error)
+
+
+def test_failed_plans_hold_and_are_counted():
+    def planner(p):
+        plan = rest_planner(p)
+        states, duration = plan.states.copy(), plan.duration.copy()
+        states[0] = np.nan
+        duration[1] = 100.0
+        return Trajectory(states, plan.controls, duration)
+
+    episodes = rollout(vector(DOUBLE_INTEGRATOR, 3), TrackingPolicy(DOUBLE_INTEGRATOR, planner), STARTS)
+    np.testing.assert_array_equal(episodes.rejected, [True, False, False])
+    np.testing.assert_array_equal(episodes.clipped, [False, True, False])
+    np.testing.assert_allclose(episodes.judging_time, [2.0, 14.0, 6.0])
+    np.testing.assert_allclose(episodes.plan_end_error[0], 2.0)
+    assert episodes.success[2]
+
+
+def test_planning_policies_get_the_parameter_in_full_precision():
+    seen = []
+
+    def planner(p):
+        seen.append(p.copy())
+        return rest_planner(p)
+
+    p = np.array([[1 / 3, 0.1]])
+    rollout(vector(DOUBLE_INTEGRATOR, 1), TrackingPolicy(DOUBLE_INTEGRATOR, planner), p)
+    np.testing.assert_array_equal(seen[0], p)
+    assert len(seen) == 1
+
+
+def test_without_a_hold_success_is_judged_at_the_plans_end():
+    p = np.array([[2.0, 5.0], [-1.0, 5.0]])
+    episodes = rollout(vector(WALLED_INTEGRATOR, 2), TrackingPolicy(WALLED_INTEGRATOR, rest_planner), p)
+    np.testing.assert_allclose(episodes.judging_time, 4.0)
+    np.testing.assert_array_equal(episodes.final_error, episodes.plan_end_error)
+    assert episodes.success.all()
+    np.testing.assert_array_equal(episodes.violation, [0.0, 0.0])
+    np.testing.assert_array_equal(episodes.knot_violation, [0.0, 0.0])
+
+
+def test_violation_over_the_path_and_at_the_knots():
+    """The wall stands midway between two knots, so the knots see less of it than the path."""
+    times = np.array([1.9, 2.1])  # in between the knots at 1.8, 2.0, 2.2
+    plan = rest_planner(np.array([[2.0]]))
+    x = 2.0 - 0.25 * times[0] ** 2
+    episodes = rollout(vector(WALLED_INTEGRATOR, 1), TrackingPolicy(WALLED_INTEGRATOR, rest_planner), [[2.0, x]])
+    nearest_knot = np.abs(plan.states[0, :, 0] - x).min()
+    np.testing.assert_allclose(episodes.knot_violation, 0.1 - nearest_knot, atol=1e-4)
+    assert 0.1 - 0.011 <= episodes.violation[0] <= 0.1
+    assert episodes.knot_violation[0] < episodes.violation[0]
+
+
+def test_wrapped_environments_are_accepted():
+    class Halved(VectorWrapper):
+        def step(self, actions):
+            return self.env.step(actions / 2)
+
+    policy = constant(1.0)
+    episodes = rollout(Halved(vector(DOUBLE_INTEGRATOR, 1)), policy, [[0.0, 1.0]], horizon=1.0, record=True)
+    np.testing.assert_allclose(episodes.states[0, 1], [0.02 + 0.5 * 0.02**2 / 2, 1.01])
+
+
+def test_refusals():
+    policy = constant(0.0)
+    with pytest.raises(ValueError, match="same dt"):
+        rollout(vector(PENDULUM, 1), Stabiliser(PENDULUM, dt=0.05), [[0.0, 0.0]])
+    with pytest.raises(ValueError, match="terminate_at_goal=False"):
+        rollout(VectorEnv(PENDULUM, 1, autoreset_mode="Disabled"), policy, [[0.0, 0.0]])
+    with pytest.raises(ValueError, match="Disabled"):
+        rollout(VectorEnv(PENDULUM, 1, terminate_at_goal=False), policy, [[0.0, 0.0]])
+    with pytest.raises(ValueError, match="horizon"):
+        rollout(vector(PENDULUM, 1), policy, [[0.0, 0.0]], horizon=50.0)
+    with pytest.raises(ValueError, match="finite"):
+        rollout(vector(PENDULUM, 1), policy, [[np.nan, 0.0]])
+    with pytest.raises(ValueError, match="shape"):
+        rollout(vector(PENDULUM, 1), policy, [[0.0, 0.0, 0.0]])
+    with pytest.raises(ValueError, match="at least one"):
+        rollout(vector(PENDULUM, 1), policy, np.zeros((0, 2)))
+
+
+def test_starts_outside_the_parameter_box_are_run():
+    episodes = rollout(vector(PENDULUM, 1), Stabiliser(PENDULUM), [[7.0, 3.0]], horizon=0.1)
+    assert len(episodes) == 1
+
+
+def test_stable_baselines_evaluates_the_tracking_policy():
+    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
+    from stable_baselines3.common.monitor import Monitor
+
+    env = Monitor(Env(DOUBLE_INTEGRATOR))
+    policy = TrackingPolicy(DOUBLE_INTEGRATOR, lambda p: Trajectory(*rest_to_rest(p[:, 0], 6.0, 21)))
+    rewards, lengths = evaluation.evaluate_policy(policy, env, n_eval_episodes=4, return_episode_rewards=True)
+    assert len(rewards) == 4
+    assert max(lengths) < 450  # ended in the goal ball, not at the limit of 750
+
+
+def test_the_schedule_is_all_the_loop_knows_of_a_plan():
+    size = 2
+    schedule = Schedule(
+        plan_end=np.array([1.0, 0.5]),
+        judging=np.array([1.5, 0.5]),
+        knot_step=np.full(size, 0.1),
+        clipped=np.zeros(size, bool),
+        rejected=np.zeros(size, bool),
+    )
+    policy = constant(0.0, start=lambda p: None, schedule=lambda state: schedule)
+    episodes = rollout(vector(DOUBLE_INTEGRATOR, 2), policy, [[1.0, -1.0], [1.0, 0.0]])
+    np.testing.assert_allclose(episodes.judging_time, [1.5, 0.5])
+    np.testing.assert_allclose(episodes.plan_end_error, [1.0, 1.0])
+    np.testing.assert_allclose(episodes.final_error, [np.hypot(0.5, 1), 1.0])

@@ -1,0 +1,404 @@
+"""Every script, from end to end at its smallest, in folders of the test's own."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import importlib
+import json
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import moe_policy
+import ocp_envs
+from moe_policy.experiments import comparison
+from moe_policy.experiments.tables import text_table
+from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.rl.training import SACSettings
+from ocp_envs.data.generation import GenerationSettings
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.sets import reference
+from ocp_envs.sets.splits import Split
+
+ROOT = Path(__file__).resolve().parents[2]
+SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
+QUICK = TrainingSettings(epochs=3)
+FEW = GenerationSettings(first=20, chunk=20, starts=2)
+TINY = {
+    "training": Split(grid=(10, 4), settings=FEW),
+    "development": Split(size=4, seed=101, settings=FEW),
+    "validation": Split(size=12, seed=202, settings=FEW),
+}
+COMPARED = ("nearest", "snn", "moe-custom", "moe-kmeans-4", "sac")
+shipped = pytest.mark.skipif(
+    not set(COMPARED) <= set(moe_policy.available(PENDULUM.id)), reason=f"needs the shipped models {COMPARED}"
+)
+
+
+@pytest.fixture
+def script(monkeypatch, tmp_path):
+    """Imports a script by name, its folder being that of the tests' results; spawned processes find it, too."""
+    monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+    monkeypatch.chdir(tmp_path)
+
+    def load(name):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        return importlib.import_module(name)
+
+    return load
+
+
+@pytest.fixture
+def run(monkeypatch):
+    """Runs a script's main with arguments; its exit status."""
+
+    def call(module, *arguments):
+        monkeypatch.setattr(sys, "argv", [module.__name__, *map(str, arguments)])
+        return module.main()
+
+    return call
+
+
+def with_tiny_splits(monkeypatch, module):
+    monkeypatch.setattr(module, "splits_of", lambda problem: TINY)
+    monkeypatch.setattr(module, "split_of", lambda problem, name: TINY[name])
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Databases of the tiny splits, as scripts/generate_data.py makes them."""
+    folder = tmp_path_factory.mktemp("data")
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.syspath_prepend(str(ROOT / "scripts"))
+        module = importlib.import_module("generate_data")
+        with_tiny_splits(monkeypatch, module)
+        monkeypatch.setattr(reference, "save", functools.partial(reference.save, folder=folder / "reference"))
+        monkeypatch.setattr(
+            sys, "argv", ["generate_data", "--data", str(folder), "--workers", "1", "--ship", "--results", str(folder)]
+        )
+        module.main()
+    return folder
+
+
+def read(path):
+    return json.loads(path.read_text())
+
+
+# -- the command line --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_every_script_explains_itself(name, script, run, capsys):
+    module = script(name)
+    with pytest.raises(SystemExit) as end:
+        run(module, "--help")
+    assert end.value.code == 0
+    shown = capsys.readouterr().out
+    assert module.__doc__.splitlines()[0] in shown
+    assert "--help" in shown
+
+
+def test_scripts_run_from_any_folder(tmp_path):
+    command = [sys.executable, str(ROOT / "scripts" / "generate_data.py"), "--splits", "exam", "--data", str(tmp_path)]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert result.returncode != 0
+    assert "has no split 'exam'" in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+# -- data and planners -------------------------------------------------------------------------------------------------
+
+
+def test_generate_data_makes_and_ships_every_split(data):
+    for name, split in TINY.items():
+        database = ocp_envs.Database.open(data / PENDULUM.id / f"{name}.zarr", PENDULUM)
+        np.testing.assert_array_equal(database.parameters, split.parameters(PENDULUM))
+        assert database.totals()["solved"] == len(database)
+        if name in reference.SHIPPED:
+            written = reference.load(PENDULUM, name, data / "reference")
+            np.testing.assert_array_equal(written.cost, database.samples().cost)
+    record = read(data / f"generation_{PENDULUM.id}.json")
+    assert set(record) == set(TINY)
+    assert all(0 < row["memory"]["parent_gb"] < row["memory"]["bound_gb"] < 4 for row in record.values())
+
+
+def test_train_planners(data, script, run, monkeypatch, tmp_path):
+    module = script("train_planners")
+    study = dataclasses.replace(module.study_of(PENDULUM), settings=QUICK, stored=30)
+    monkeypatch.setattr(module, "study_of", lambda problem: study)
+    run(module, "--data", data, "--models", tmp_path, "--seed", 3, "--workers", 1)
+    folder = tmp_path / PENDULUM.id
+    names = {path.name.removesuffix(".json") for path in folder.glob("*.json")}
+    assert names == {"nearest", *study.models}
+    assert len(moe_policy.load_file(folder / "nearest").parameters) == 30
+    for name in names:
+        planner = moe_policy.load_file(folder / name)
+        assert planner.name == name
+        assert planner([1.0, 0.5]).finite.all()
+        assert name == "nearest" or (planner.details["samples"], planner.details["seed"]) == (40, 3)
+
+
+# -- comparisons -------------------------------------------------------------------------------------------------------
+
+
+@shipped
+def test_compare_with_the_shipped_models(script, run, tmp_path, capsys):
+    run(script("compare_rl_vs_moe"), "--cases", 20, "--results", tmp_path)
+    names = ["compare_PendulumSwingup-v0.json", "compare_PendulumSwingup-v0.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    record = read(tmp_path / names[0])
+    rows = {row["name"]: row for row in record["rows"]}
+    assert set(rows) == {"optimal", *COMPARED, "ppo", "stabiliser"}
+    assert all(row["success"]["total"] == record["cases"] == 20 for row in rows.values())
+    assert rows["optimal"]["success"]["count"] == 20
+    assert rows["moe-custom"]["success"]["count"] >= 19
+    assert rows["snn"]["success_at_plan_end"]["count"] < rows["moe-custom"]["success_at_plan_end"]["count"]
+    # The optimum is the cheapest; only the way into the goal ball may be a little shorter.
+    assert all(row["cost_ratio"]["ratio"] > 0.99 for row in rows.values())
+    assert record["reference_gap"]["within_0.1_percent"] >= 19
+    assert text_table(record["rows"], comparison.COLUMNS) in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_compare_makes_everything_anew(script, run, monkeypatch, tmp_path):
+    module = script("compare_rl_vs_moe")
+    with_tiny_splits(monkeypatch, module)
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    short = SACSettings(steps=400, learning_starts=200, n_envs=4, hidden=(8, 8), evaluate_every=200)
+    study = dataclasses.replace(module.study_of(PENDULUM), settings=QUICK, short_learners={"sac": short})
+    monkeypatch.setattr(module, "study_of", lambda problem: study)
+    run(module, "--train", "--results", tmp_path / "results")
+    record = read(tmp_path / "results" / "compare_trained_PendulumSwingup-v0.json")
+    assert record["cases"] == 12
+    rows = {row["name"]: row for row in record["rows"]}
+    assert set(rows) == {"optimal", *COMPARED, "stabiliser"}
+    assert rows["optimal"]["success"]["count"] == 12
+    assert rows["snn"]["data"] == "40 solutions"
+    made = {path.name for path in (tmp_path / "data" / "compare" / PENDULUM.id).iterdir()}
+    assert made >= {"training.zarr", "development.zarr", "validation.zarr", "snn.safetensors", "sac.safetensors"}
+
+
+class OneThread(ThreadPoolExecutor):
+    """In place of a pool of processes, which would not see what a test has changed."""
+
+    def __init__(self, workers):
+        super().__init__(1)
+
+
+@pytest.mark.slow
+def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeypatch, tmp_path):
+    module = script("compare_training")
+    whole = module.study_of(PENDULUM)
+    study = dataclasses.replace(whole, settings=QUICK, sizes={20: 2, 40: 2})
+    for name, value in (
+        ("study_of", lambda problem: study),
+        ("PAPER", dataclasses.replace(QUICK, patience=2)),
+        ("WorkerPool", OneThread),
+    ):
+        monkeypatch.setattr(module, name, value)
+    copy = tmp_path / "data" / PENDULUM.id
+    copy.mkdir(parents=True)
+    for name in ("training.zarr", "validation.zarr"):
+        (copy / name).symlink_to(data / PENDULUM.id / name)
+    arguments = ("--seeds", 1, "--data", tmp_path / "data", "--results", tmp_path / "results")
+    run(module, *arguments)
+    record = read(tmp_path / "results" / "compare_training_PendulumSwingup-v0.json")
+    keys = {column.key for column in comparison.TRAINING_COLUMNS if "violation" not in column.key}
+    papers = [row for row in record["rows"] if row["name"] in study.published]
+    assert len(papers) == len(study.published) == 9
+    assert all(keys <= set(row) for row in papers)
+    total = max(row["samples"] for row in record["rows"])
+    expected = {(name, size) for name in study.sized for size in (20, 40, total)}
+    assert {(row["name"], row["samples"]) for row in record["sizes"]} == expected
+    assert len(record["ablation"]) == len(study.ablation)
+    pictures = {path.name for path in (tmp_path / "results").glob("*.png")}
+    assert pictures == {f"training_{PENDULUM.id}_{name}.png" for name in ("clusters", "sizes", "jump", "errors")}
+    # The second run finds all models of the first.
+    monkeypatch.setattr(module, "execute", None)
+    run(module, *arguments)
+    again = read(tmp_path / "results" / "compare_training_PendulumSwingup-v0.json")
+    assert again["rows"] == record["rows"]
+
+
+def test_compare_training_evaluates_kept_models_anew(data, script, monkeypatch, tmp_path):
+    module = script("compare_training")
+    run = module.Run("snn", 0, 30, QUICK)
+    folders = module.Folders(data / PENDULUM.id, tmp_path)
+    first = module.execute(PENDULUM.id, run, "key", folders)
+    monkeypatch.setattr(module, "train", None)
+    again = module.execute(PENDULUM.id, run, "key", folders)
+    assert again == first
+
+
+def test_choose_tracking(data, script, run, tmp_path):
+    module = script("choose_tracking")
+    fitted = moe_policy.fit_single(ocp_envs.Database.open(data / PENDULUM.id / "training.zarr"), settings=QUICK)
+    fitted.save(tmp_path / "snn")
+    arguments = ("--env", PENDULUM.id, "--planners", tmp_path / "snn", "--data", data, "--results", tmp_path)
+    run(module, *arguments)
+    rows = read(tmp_path / f"tracking_{PENDULUM.id}.json")["rows"]
+    assert len(rows) == 2 * len(module.CONTROL) * len(module.TERMINAL) * len(module.ROOM)
+    assert {row["name"] for row in rows} == {"optimal", "snn"}
+    assert len({row["plan_end_error_median"] for row in rows if row["name"] == "snn"}) > 10
+
+
+def test_the_other_reading_of_the_cost_swaps_velocity_and_angles(script):
+    module = script("check_sensitivity")
+    state, control = np.arange(1.0, 13.0), np.ones(4)
+    difference = module.swapped_rate(state, control, None, None) - module.cost_rate(state, control, None, None)
+    assert difference == pytest.approx(0.9 * (np.sum(state[6:9] ** 2) - np.sum(state[3:6] ** 2)))
+    assert module.SWAPPED.fingerprint != module.QUADCOPTER.fingerprint
+
+
+def test_reproduce_names_its_tables_and_figures(script, run, capsys):
+    module = script("reproduce")
+    run(module, "--list")
+    listed = capsys.readouterr().out.splitlines()
+    assert [line.split()[1].rstrip(":") for line in listed] == [*module.TABLES, module.SKETCH, *module.figure_names()]
+    with pytest.raises(SystemExit):
+        run(module)
+
+
+@pytest.mark.slow
+def test_reproduce_quickly(script, run, monkeypatch, tmp_path):
+    """A table and figures of the pendulum, from few problems and the shipped networks."""
+    module = script("reproduce")
+    monkeypatch.setitem(module.QUICK, PENDULUM.id, (60, 6))
+    folders = ("--data", tmp_path / "data", "--results", tmp_path / "results")
+    run(module, "--quick", "--table", "training", "--figure", "mixture", "pendulum-clusters", *folders)
+    record = read(tmp_path / "results" / "table_training.json")
+    rows = {row["name"]: row for row in record["rows"]}
+    assert set(rows) == set(module.study_of(PENDULUM).shipped)
+    assert rows["moe-custom"]["paper_success"] == 998
+    assert all(len(row["success"]) == 1 and 0 <= row["success"][0] <= 6 for row in rows.values())
+    assert "| moe-custom |" in (tmp_path / "results" / "table_training.md").read_text()
+    for name in ("mixture", "pendulum-clusters"):
+        for suffix in (".png", ".pdf", ".json"):
+            assert (tmp_path / "results" / f"figure_{name}{suffix}").stat().st_size > 0
+    told = read(tmp_path / "results" / "figure_pendulum-clusters.json")
+    assert (told["training_problems"], told["validation_problems"], told["quick"]) == (60, 6, True)
+
+
+def test_the_summary_stands_beside_the_paper(script, run, tmp_path):
+    """From the committed records; a figure of the paper and one of ours in the cells where they belong."""
+    module = script("reproduce")
+    for problem in module.BENCHMARK:
+        (tmp_path / f"compare_training_{problem.id}.json").write_bytes(
+            (ROOT / "results" / f"compare_training_{problem.id}.json").read_bytes()
+        )
+    run(module, "--table", "summary", "--results", tmp_path)
+    record = read(tmp_path / "table_summary.json")
+    rows = {row["label"]: row for row in record["rows"]}
+    assert len(record["columns"]) == 6
+    assert rows["SNN rollout"]["GroundVehicle-v0 moe-custom"].endswith("of 10,000 (6729)")
+    ours = next(
+        row for row in read(ROOT / "results" / "compare_training_Quadcopter-v0.json")["rows"] if row["name"] == "snn"
+    )
+    success = f"{ours['success_spread']['median']:.0f} of 1,000 (1000)"
+    assert rows["SNN rollout"]["Quadcopter-v0 moe-kmeans-4"] == success
+    assert rows["cluster sizes"]["PendulumSwingup-v0 moe-custom"].endswith("(388–505)")
+    assert rows["gate size"]["QuadcopterObstacle-v0 moe-kmeans-8"] == "(7, 200, 200, 8)"
+
+
+# -- README ------------------------------------------------------------------------------------------------------------
+
+
+def test_render_readme(script, run, monkeypatch, tmp_path):
+    module = script("render_readme")
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "PAGES", ("README.md",))
+    path = tmp_path / "README.md"
+    path.write_text("before\n<!-- table: compare_X -->\nold\n<!-- end -->\nafter\n")
+    (tmp_path / "results").mkdir()
+    (tmp_path / "results" / "compare_X.json").write_text(json.dumps({"rows": [{"name": "snn", "test_error": 0.12}]}))
+    assert run(module, "--check") == 1
+    assert "old" in path.read_text()
+    assert run(module) == 0
+    text = path.read_text()
+    assert text.startswith("before\n<!-- table: compare_X -->\n")
+    assert text.endswith("<!-- end -->\nafter\n")
+    assert "old" not in text
+    assert "| snn |" in text
+    assert "| 0.12 |" in text
+    assert run(module, "--check") == 0
+
+
+# -- reinforcement learning --------------------------------------------------------------------------------------------
+
+SHORT = ("steps=400", "learning_starts=200", "n_envs=4", "hidden=(8, 8)", "evaluate_every=200")
+
+
+def test_train_rl_ships_a_policy_and_its_record(script, run, monkeypatch, tmp_path):
+    pytest.importorskip("stable_baselines3")
+    module = script("train_rl")
+    few = reference.Reference(np.array([[0.5, 0.0], [3.0, 0.1]]), np.ones((2, 3)))
+    monkeypatch.setattr(module.reference, "load", lambda problem, split: few)
+    folders = [f"--{name}={tmp_path / name}" for name in ("models", "results", "checkpoints")]
+    run(module, "--trial", "two layers", *folders, "--set", *SHORT)
+    assert not (tmp_path / "models").exists()
+    run(module, *folders, "--set", *SHORT)
+    record = read(tmp_path / "results" / "training_sac_PendulumSwingup-v0.json")
+    assert (record["steps"], record["development"]) == (400, {"set": "development", "count": 2})
+    assert [trial["note"] for trial in record["search"]] == ["two layers"]
+    policy = moe_policy.load_file(tmp_path / "models" / PENDULUM.id / "sac")
+    assert policy.predict(np.zeros((3, 2), np.float32), episode_start=np.ones(3, bool))[0].shape == (3, 1)
+
+
+def test_train_rl_refuses_unknown_settings(script, run):
+    with pytest.raises(SystemExit, match="expected name=value with a name of"):
+        run(script("train_rl"), "--set", "speed=3")
+
+
+# -- benchmarks and data quality ---------------------------------------------------------------------------------------
+
+
+def test_benchmark_env(script, run, monkeypatch, tmp_path):
+    module = script("benchmark_env")
+    for name, value in (("REPETITIONS", 1), ("NUM_ENVS", 8)):
+        monkeypatch.setattr(module, name, value)
+    monkeypatch.setattr(module, "single_step", functools.partial(module.single_step, steps=50))
+    run(module, "--out", tmp_path / "out.json")
+    record = read(tmp_path / "out.json")
+    assert set(record["steps_per_second"]) >= {problem.id for problem in ocp_envs.BENCHMARK}
+    assert all(rate > 0 for rate in record["steps_per_second"].values())
+
+
+@shipped
+def test_benchmark_rollout(script, run, tmp_path):
+    arguments = ("--episodes", 4, "--single", 1, "--repeats", 1, "--output", tmp_path / "out.json")
+    run(script("benchmark_rollout"), *arguments)
+    record = read(tmp_path / "out.json")
+    assert record["same_successes"]
+    assert record["ratio"] > 0
+
+
+@pytest.mark.slow
+def test_benchmark_solver(script, run, monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *arguments: None, raising=False)
+    arguments = ("--size", 4, "--stored", 8, "--rounds", 1, "--output", tmp_path / "out.json")
+    run(script("benchmark_solver"), *arguments)
+    record = read(tmp_path / "out.json")
+    for kind in ("cold", "warm"):
+        assert record[kind]["ours"]["verified"] > 0
+        assert record[kind]["ratio_to_the_better"] > 0
+
+
+@pytest.mark.slow
+def test_check_data(data, script, run, tmp_path):
+    copy = tmp_path / "data" / PENDULUM.id
+    copy.mkdir(parents=True)
+    for path in (data / PENDULUM.id).glob("*.zarr"):
+        (copy / path.name).symlink_to(path)
+    arguments = ("--cases", 3, "--starts", 4, "--workers", 1, "--data", tmp_path / "data")
+    run(script("check_data"), *arguments, "--output", tmp_path / "out.json")
+    record = read(tmp_path / "out.json")
+    assert set(record["ways"]) == {"solve", "generate", "warm starts"}
+    assert all(way["unsolved"] == 0 for way in record["ways"].values())
+    assert set(record["databases"]) == set(TINY)
+    assert all(found["failing"] == 0 for found in record["databases"].values())

@@ -1,0 +1,265 @@
+"""Parameters: uniform, on a grid, and drawn where an obstacle is in the way."""
+
+import dataclasses
+import json
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from ocp_envs import tables
+from ocp_envs.envs.env import Env
+from ocp_envs.envs.vector_env import VectorEnv
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.sets import free_paths, sampling
+from ocp_envs.sets.sampling import grid, sample
+from ocp_envs.sets.splits import splits_of
+from ocp_envs.solvers.guesses import guesses
+from ocp_envs.solvers.solver import GuardedSolver, Solver, Status
+from ocp_envs.system import Box, Coordinate
+from scripts import make_starts
+from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
+
+ROWS = 60
+
+
+def test_a_sample_depends_on_seed_and_index_alone():
+    np.testing.assert_array_equal(sample(PENDULUM, 5, 100)[:7], sample(PENDULUM, 5, 7))
+    assert not np.allclose(sample(PENDULUM, 5, 7), sample(PENDULUM, 6, 7))
+
+
+def test_samples_are_uniform_on_the_box():
+    p, box = sample(PENDULUM, 0, 20_000), PENDULUM.parameters
+    assert box.contains(p).all()
+    unit = (p - box.lower) / (box.upper - box.lower)
+    # Five standard errors of mean, second moment and correlation of a uniform variable.
+    np.testing.assert_allclose(unit.mean(axis=0), 1 / 2, atol=5 / np.sqrt(12 * len(p)))
+    np.testing.assert_allclose((unit**2).mean(axis=0), 1 / 3, atol=5 * np.sqrt(4 / 45 / len(p)))
+    assert abs(np.corrcoef(unit.T)[0, 1]) < 5 / np.sqrt(len(p))
+
+
+def test_the_grid_has_both_ends_and_the_papers_size():
+    p, box = grid(PENDULUM, (61, 21)), PENDULUM.parameters
+    assert p.shape == (1281, 2)
+    np.testing.assert_array_equal(p[[0, -1]], [box.lower, box.upper])
+    np.testing.assert_allclose(np.diff(np.unique(p[:, 0])), 2 * np.pi / 60)
+    assert (np.diff(p[:21, 1]) > 0).all()
+
+
+@pytest.mark.parametrize(
+    "call", [lambda: sample(PENDULUM, -1, 3), lambda: grid(PENDULUM, (3,)), lambda: grid(PENDULUM, (3, 1))]
+)
+def test_bad_sizes_are_refused(call):
+    with pytest.raises(ValueError, match="expected"):
+        call()
+
+
+# -- where an obstacle is in the way -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    return sample(QUADCOPTER_OBSTACLE, 5, ROWS)
+
+
+@pytest.fixture(scope="module")
+def plans(drawn):
+    """Optimal trajectories of the free problem."""
+    windings = np.zeros(ROWS, np.int64)
+    line = guesses(QUADCOPTER, drawn[:, :3], windings, np.random.default_rng(1), "line")
+    with GuardedSolver(QUADCOPTER) as solver:
+        solutions = solver.solve(drawn[:, :3], line, windings)
+    assert solutions.solved.all()
+    return solutions.trajectory
+
+
+def positions(plans, points=50):
+    """Positions along plans by integration: ``points`` in each interval, (B, points·(N − 1), 3)."""
+    flow, path = QUADCOPTER.batch_flow(2), []
+    x, s, h = plans.states[:, 0], np.empty((len(plans), 0)), plans.step[:, None] / points
+    for k in range(QUADCOPTER.knots - 1):
+        for _ in range(points):
+            path.append(x[:, :3])
+            x, _ = flow(x, plans.controls[:, k], s, h)
+    return np.stack(path, axis=1)
+
+
+def test_the_free_path_meets_the_obstacle_and_its_ends_do_not(drawn, plans):
+    start, centre, radius = drawn[:, :3], drawn[:, 3:6], drawn[:, 6]
+    assert QUADCOPTER_OBSTACLE.parameters.contains(drawn).all()
+    assert (np.linalg.norm(centre, axis=1) > radius).all()
+    assert (np.linalg.norm(centre - start, axis=1) > radius).all()
+    depth = radius - np.linalg.norm(positions(plans) - centre[:, None], axis=2).min(axis=1)
+    assert depth.min() > -1e-3
+    assert 0.2 < np.median(depth) < 2
+    at_knots = radius - np.linalg.norm(plans.states[:, :, :3] - centre[:, None], axis=2).min(axis=1)
+    assert at_knots.min() < 0  # the dense path decides, not the knots
+
+
+def test_dense_paths_are_those_of_the_plans(plans):
+    path = free_paths.dense(free_paths.spines(QUADCOPTER_OBSTACLE, plans))
+    knots = slice(None, None, free_paths.POINTS)
+    np.testing.assert_allclose(path[:, knots], plans.states[:, :, :3], atol=1e-12)
+    off = np.linalg.norm(path[:, :-1] - positions(plans, free_paths.POINTS), axis=2)
+    assert off.max() < 5e-3
+    assert np.median(off) < 2e-4
+
+
+def test_a_conditioned_sample_depends_on_seed_and_index_alone(drawn):
+    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, 7), drawn[:7])
+    assert not np.allclose(sample(QUADCOPTER_OBSTACLE, 6, 7), drawn[:7])
+    assert sample(QUADCOPTER_OBSTACLE, 5, 0).shape == (0, 7)
+
+
+def test_workers_and_chunks_change_nothing(drawn, monkeypatch):
+    monkeypatch.setattr(sampling, "_CHUNK", 9)
+    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, 30, workers=2), drawn[:30])
+
+
+def test_interpolated_paths_decide_as_solved_ones_do(drawn, monkeypatch):
+    monkeypatch.setattr(free_paths, "shipped", lambda problem: None)  # all are solved
+    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, ROWS), drawn)
+
+
+def test_the_table_is_as_accurate_as_it_says(drawn, plans):
+    table = free_paths.shipped(QUADCOPTER_OBSTACLE)
+    paths, difference = table(drawn[:, :3])
+    errors = free_paths.distance(paths, free_paths.dense(free_paths.spines(QUADCOPTER_OBSTACLE, plans)))
+    assert (errors <= table.tolerance(difference)).all()
+    assert table.tolerance(difference).max() <= table.error < 0.03
+    assert np.median(table.tolerance(difference)) < 0.015
+    assert np.median(errors) < 1e-3
+
+
+def test_what_the_free_problem_does_not_name_is_uniform_where_it_is_accepted():
+    """A mass moves straight to the origin: walls between there and its start are accepted, and no others."""
+    start = Box((Coordinate("x", 1.0, 5.0, "m"),))
+    problem = dataclasses.replace(
+        WALLED_INTEGRATOR,
+        id="Walled-and-free",
+        parameters=Box((*start.coordinates, WALLED_INTEGRATOR.parameters.coordinates[1])),
+        clearance=lambda x, s, c: [((x[0] - s.wall) ** 2) ** 0.5 - 0.1],
+        free=dataclasses.replace(DOUBLE_INTEGRATOR, parameters=start),
+    )
+    x, wall = sample(problem, 3, 300).T
+    share = (wall - 0.1) / (x - 0.2)
+    assert ((share > 0) & (share < 1)).all()
+    np.testing.assert_allclose(share.mean(), 1 / 2, atol=5 / np.sqrt(12 * len(x)))
+    np.testing.assert_allclose((share**2).mean(), 1 / 3, atol=5 * np.sqrt(4 / 45 / len(x)))
+    assert abs(np.corrcoef(x, share)[0, 1]) < 5 / np.sqrt(len(x))
+
+
+def test_a_free_problem_that_is_not_solved_is_an_error(drawn):
+    def solve(parameters, guesses, windings):
+        return types.SimpleNamespace(trajectory=guesses, solved=np.arange(len(parameters)) > 0)
+
+    with pytest.raises(RuntimeError, match="no optimal trajectory was found for 1 parameters"):
+        free_paths.solve_free(QUADCOPTER_OBSTACLE, drawn[:3, :3], types.SimpleNamespace(solve=solve))
+
+
+def test_what_was_not_solved_is_tried_again(drawn):
+    solver, tries = Solver(QUADCOPTER), []
+
+    def solve(parameters, guesses, windings):
+        tries.append(len(parameters))
+        found = solver.solve(parameters, guesses, windings)
+        if len(tries) == 1:
+            found.status[1] = Status.NOT_CONVERGED
+            found._blank(~found.solved)
+        return found
+
+    found = free_paths.solve_free(QUADCOPTER_OBSTACLE, drawn[:3, :3], types.SimpleNamespace(solve=solve))
+    assert tries == [3, 1]
+    assert found.finite.all()
+    np.testing.assert_allclose(found.states[:, 0, :3], drawn[:3, :3])
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"clearance": None}, {"free": PENDULUM}, {"free": QUADCOPTER_OBSTACLE, "parameters": QUADCOPTER.parameters}],
+    ids=["nothing to be free of", "another system", "more parameters"],
+)
+def test_a_free_problem_must_fit(change):
+    with pytest.raises(ValueError, match="free must be this problem without its path constraint"):
+        dataclasses.replace(QUADCOPTER_OBSTACLE, **change)
+
+
+# -- the table of starts -----------------------------------------------------------------------------------------------
+
+
+def test_the_starts_are_drawn_as_the_sets_are_and_share_nothing_with_them():
+    starts, box = tables.starts(QUADCOPTER_OBSTACLE), QUADCOPTER_OBSTACLE.parameters
+    assert starts.shape == (10_000, 7)
+    assert starts.dtype == np.float64
+    assert len(np.unique(starts, axis=0)) == len(starts)
+    assert 303 not in {split.seed for split in splits_of(QUADCOPTER_OBSTACLE).values()}
+    np.testing.assert_allclose(starts[:20], sample(QUADCOPTER_OBSTACLE, 303, 20), rtol=1e-12)
+    unit = ((starts - box.lower) / (box.upper - box.lower))[:, :3]  # these alone are uniform
+    np.testing.assert_allclose(unit.mean(axis=0), 1 / 2, atol=5 / np.sqrt(12 * len(unit)))
+    np.testing.assert_allclose((unit**2).mean(axis=0), 1 / 3, atol=5 * np.sqrt(4 / 45 / len(unit)))
+
+
+def test_environments_draw_from_the_table_by_their_seeds():
+    starts = tables.starts(QUADCOPTER_OBSTACLE)
+    env, envs = Env(QUADCOPTER_OBSTACLE), VectorEnv(QUADCOPTER_OBSTACLE, 4)
+    _, info = env.reset(seed=3)
+    _, infos = envs.reset(seed=3)
+    assert (starts == info["parameters"]).all(axis=1).any()
+    np.testing.assert_array_equal(infos["parameters"][0], info["parameters"])
+    assert len(np.unique(infos["parameters"], axis=0)) == 4
+    np.testing.assert_array_equal(env.reset(seed=3)[1]["parameters"], info["parameters"])
+    assert not np.array_equal(env.reset()[1]["parameters"], info["parameters"])
+
+
+def test_without_a_table_reset_says_what_to_do():
+    problem = dataclasses.replace(QUADCOPTER_OBSTACLE, id="Another-v0")
+    env = Env(problem)
+    with pytest.raises(tables.TableError, match=r"no table 'starts'.*pass options=\{\"parameters\": p\}"):
+        env.reset()
+    env.reset(options={"parameters": [9.0, 9, 9, 4, 4, 4, 2]})
+
+
+def test_tables_come_back_and_belong_to_their_problem(tmp_path):
+    values = np.random.default_rng(0).normal(size=(3, 2))
+    path = tables.save(PENDULUM, "some", tmp_path, values=values, names=np.array(["a", "b"]))
+    found = tables.load(PENDULUM, "some", tmp_path)
+    np.testing.assert_array_equal(found["values"], values)
+    assert found["names"].tolist() == ["a", "b"]
+    assert [p.name for p in path.parent.iterdir()] == ["some.npz"]
+    other = dataclasses.replace(PENDULUM, knots=30)
+    with pytest.raises(tables.TableError, match="made for a problem with fingerprint"):
+        tables.load(other, "some", tmp_path)
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(tables.TableError, match="damaged"):
+        tables.load(PENDULUM, "some", tmp_path)
+    with pytest.raises(tables.TableError, match=r"make_starts\.py"):
+        tables.load(PENDULUM, "none", tmp_path)
+
+
+def run_script(monkeypatch, tmp_path, *arguments):
+    monkeypatch.setattr(sys, "argv", ["make_starts.py", "--results", str(tmp_path), *arguments])
+    make_starts.main()
+
+
+def test_the_script_makes_both_tables_and_keeps_those_that_are_there(monkeypatch, tmp_path):
+    written = {}
+
+    def save(problem, name, **arrays):
+        written[problem.id, name] = arrays
+        return name
+
+    monkeypatch.setattr(tables, "save", save)
+    run_script(monkeypatch, tmp_path)
+    assert (written, list(tmp_path.iterdir())) == ({}, [])
+    run_script(monkeypatch, tmp_path, "--again", "--paths", "60", "--fresh", "5", "--starts", "3")
+    starts = written["QuadcopterObstacle-v0", "starts"]["parameters"]
+    np.testing.assert_allclose(starts, tables.starts(QUADCOPTER_OBSTACLE)[:3], rtol=1e-12)
+    paths = written["Quadcopter-v0", "paths"]
+    assert paths["spines"].shape == (60, 20, 2, 3)
+    np.testing.assert_allclose(paths["spines"][:, 0, 0], paths["parameters"], atol=1e-5)
+    record = json.loads((tmp_path / "starts_QuadcopterObstacle-v0.json").read_text())
+    assert record["errors"]["1"] == paths["error"] > 0.01
+    with pytest.raises(SystemExit, match="uniformly"):
+        run_script(monkeypatch, tmp_path, "--env", "PendulumSwingup-v0")

@@ -1,0 +1,151 @@
+import ctypes
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from ocp_envs.solvers.compilation import CompiledNotAvailable
+from ocp_envs.solvers.nlp import NlpSolver
+from ocp_envs.solvers.solutions import make_tasks
+from ocp_envs.solvers.solver import GuardedSolver, Solver, SolverSettings, Status, guesses
+from tests.small_problems import DOUBLE_INTEGRATOR
+
+pytestmark = pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable")
+HURRIED = SolverSettings(hang_floor=1.0, hang_factor=1.0)
+#: Starts at which the solvers below misbehave.
+HANGS, CRASHES, HANGS_TWICE, CRASHES_TWICE = 1.0, 2.0, 3.0, 4.0
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _interpreted(tmp_path_factory):
+    """Children inherit the environment: without a compiler they start at once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", "")
+        yield
+
+
+class Troubled(NlpSolver):
+    """Hangs and crashes inside a C call, as a solver does, for some start states."""
+
+    def solve(self, task, skip_primary=False):
+        start = task.parameter[0]
+        if start in (HANGS, HANGS_TWICE) and (not skip_primary or start == HANGS_TWICE):
+            ctypes.CDLL(None).pause()
+        if start in (CRASHES, CRASHES_TWICE) and (not skip_primary or start == CRASHES_TWICE):
+            ctypes.string_at(0)
+        return super().solve(task, skip_primary)
+
+
+class Unborn:
+    def __init__(self, transcription, settings):
+        raise ZeroDivisionError("a solver that cannot be made")
+
+
+def arguments(positions):
+    p = np.column_stack([positions, np.zeros(len(positions))])
+    windings = np.zeros(len(p), dtype=int)
+    return p, guesses(DOUBLE_INTEGRATOR, p, windings, np.random.default_rng(0), "line"), windings
+
+
+def test_guarded_and_unguarded_solutions_are_the_same():
+    batch = arguments(np.linspace(-4, 4, 24))
+    expected = Solver(DOUBLE_INTEGRATOR).solve(*batch)
+    with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
+        for _ in range(2):
+            found = solver.solve(*batch)
+            np.testing.assert_array_equal(found.trajectory.flat(), expected.trajectory.flat())
+            np.testing.assert_array_equal(found.status, expected.status)
+        assert solver.restarts == 0
+
+
+def test_hang_and_crash_end_in_the_fallback_and_lose_nothing_else():
+    positions = np.array([0.5, HANGS, 1.5, CRASHES, 2.5, 3.5])
+    with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, Troubled) as solver:
+        found = solver.solve(*arguments(positions))
+        assert solver.restarts == 3  # a crash is tried twice
+    assert (found.status == Status.SOLVED).all()
+    np.testing.assert_array_equal(found.fallback, np.isin(positions, [HANGS, CRASHES]))
+    assert (np.diff(found.cost) > 0).all()  # farther is dearer: every result stands at its own place
+
+
+def test_hang_and_crash_of_both_solvers_are_values():
+    positions = np.array([HANGS_TWICE, 0.5, CRASHES_TWICE, 0.7])
+    with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, Troubled) as solver:
+        found = solver.solve(*arguments(positions))
+        assert solver.restarts == 5
+    expected = [Status.TIMED_OUT, Status.SOLVED, Status.CRASHED, Status.SOLVED]
+    np.testing.assert_array_equal(found.status, expected)
+    assert np.isinf(found.cost[[0, 2]]).all()
+    assert np.isnan(found.trajectory.flat()[[0, 2]]).all()
+
+
+def test_a_child_killed_from_outside_is_replaced():
+    with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
+        solver.start()
+        os.kill(solver._guard._child.process_id, signal.SIGKILL)
+        batch = arguments([1.0, 2.0])
+        found = solver.solve(*batch)
+        assert solver.restarts == 1
+    assert found.solved.all()
+    assert not found.fallback.any()
+    np.testing.assert_array_equal(found.trajectory.flat(), Solver(DOUBLE_INTEGRATOR).solve(*batch).trajectory.flat())
+
+
+def test_an_interrupted_batch_leaves_nothing_to_the_next():
+    with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
+        p, guess, windings = arguments(np.linspace(1, 4, 6))
+        tasks = make_tasks(DOUBLE_INTEGRATOR, solver._transcription, p, guess, windings)
+        next(interrupted := solver._guard.solve(tasks))
+        interrupted.close()  # as an exception in the caller does
+        found = solver.solve(*arguments([0.5, 1.5]))
+    assert found.solved.all()
+    assert found.cost[0] < found.cost[1]
+
+
+def test_warnings_of_the_child_reach_the_parent():
+    with GuardedSolver(DOUBLE_INTEGRATOR) as solver, pytest.warns(CompiledNotAvailable, match="no C compiler"):
+        solver.start()
+
+
+def test_a_child_that_cannot_start_says_why():
+    with (
+        GuardedSolver(DOUBLE_INTEGRATOR, factory=Unborn) as solver,
+        pytest.raises(RuntimeError, match="cannot be made"),
+    ):
+        solver.solve(*arguments([1.0]))
+
+
+def _alive(process_id):
+    try:
+        os.kill(process_id, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{process_id}/stat") as file:
+        return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+
+
+@pytest.mark.skipif(not os.path.exists("/proc"), reason="needs /proc")
+def test_the_child_dies_with_its_parent_even_inside_a_solve():
+    code = (
+        "import threading, time\n"
+        "from tests.solvers.test_guard import DOUBLE_INTEGRATOR, HANGS, Troubled, arguments\n"
+        "from ocp_envs.solvers.solver import GuardedSolver\n"
+        "solver = GuardedSolver(DOUBLE_INTEGRATOR, factory=Troubled)\n"
+        "solver.start()\n"
+        "print(solver._guard._child.process_id, flush=True)\n"
+        "solver.solve(*arguments([HANGS]))\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)}
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, env=environment) as parent:
+        child = int(parent.stdout.readline())
+        time.sleep(0.5)  # now it hangs
+        assert _alive(child)
+        parent.kill()
+    deadline = time.monotonic() + 10
+    while _alive(child) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _alive(child)

@@ -1,0 +1,38 @@
+import json
+
+import numpy as np
+import pytest
+
+from ocp_envs.support.provenance import provenance, write_json
+
+
+def test_provenance_is_complete_and_can_be_written(tmp_path):
+    record = provenance()
+    assert record["versions"]["casadi"]
+    assert record["cores"] >= 1
+    write_json(tmp_path / "deep" / "record.json", record)
+    assert json.loads((tmp_path / "deep" / "record.json").read_text()) == record
+
+
+def test_arrays_become_lists(tmp_path):
+    write_json(tmp_path / "a.json", {"x": np.arange(3), "y": np.float64(0.5), "z": np.int8(2)})
+    assert json.loads((tmp_path / "a.json").read_text()) == {"x": [0, 1, 2], "y": 0.5, "z": 2}
+
+
+def test_lists_of_numbers_stand_on_one_line(tmp_path):
+    content = {"interval": [0.25, -1e-9, None], "deep": [[1, 2], [3]], "text": ["[ 1,\n 2 ]", "x"], "empty": []}
+    write_json(tmp_path / "a.json", content)
+    text = (tmp_path / "a.json").read_text()
+    assert json.loads(text) == content
+    assert '"interval": [0.25, -1e-09, null],\n' in text
+    assert "    [1, 2],\n    [3]\n" in text
+
+
+@pytest.mark.parametrize("value", [np.nan, float("inf"), object()])
+def test_what_json_cannot_hold_leaves_the_old_file(tmp_path, value):
+    path = tmp_path / "a.json"
+    write_json(path, {"x": 1})
+    with pytest.raises((TypeError, ValueError)):
+        write_json(path, {"x": value})
+    assert json.loads(path.read_text()) == {"x": 1}
+    assert [p.name for p in tmp_path.iterdir()] == ["a.json"]

@@ -1,0 +1,32 @@
+"""Synthetic samples of the pendulum for tests of learning: smooth functions of p with a jump, no solver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocp_envs.data.samples import Samples
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class FakeDatabase:
+    held: Samples
+
+    def samples(self) -> Samples:
+        return self.held
+
+
+def fake_samples(count: int = 400, seed: int = 0, jump: float = 2 * np.pi, modes: int = 2) -> Samples:
+    """Straight lines from the start to a goal that depends on the angle: mode i ends ``jump`` above mode i−1."""
+    rng = np.random.default_rng(seed)
+    box = PENDULUM.parameters
+    p = box.lower + rng.random((count, 2)) * (box.upper - box.lower)
+    mode = np.minimum((p[:, 0] / (2 * np.pi) * modes).astype(np.int64), modes - 1)
+    progress = np.linspace(0, 1, PENDULUM.knots)[:, None]
+    goal = np.stack([np.pi + jump * (mode - 1), np.zeros(count)], axis=1)
+    states = p[:, None] * (1 - progress) + goal[:, None] * progress
+    controls = np.cos(p[:, :1] + progress[:-1, 0])[..., None] * p[:, 1:, None] / 2
+    return Samples.of(PENDULUM, p, Trajectory(states, controls, 3 + 0.2 * p[:, 1]), mode)
