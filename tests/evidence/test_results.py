@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
+pytestmark = pytest.mark.evidence
 
 
 def read(name):
