@@ -34,7 +34,8 @@ from moe_policy.experiments.latency import (
 from moe_policy.experiments.methods import optimal_planner, shipped, stabiliser
 from moe_policy.experiments.tables import text_table
 from ocp_envs.sets import reference
-from ocp_envs.solvers.solver import GuardedSolver, SolverSettings
+from ocp_envs.solvers.nlp import SolverSettings
+from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]

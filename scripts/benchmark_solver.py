@@ -32,10 +32,10 @@ from ocp_envs.data.warm_starts import local_fit
 from ocp_envs.data.worker import start_from
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.sampling import sample
-from ocp_envs.solvers.guesses import random_kind
-from ocp_envs.solvers.nlp import Result, Status, Task
+from ocp_envs.solvers.guesses import guesses, random_kind
+from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
 from ocp_envs.solvers.solutions import Solutions, collect, make_tasks
-from ocp_envs.solvers.solver import GuardedSolver, SolverSettings, guesses
+from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.solvers.transcription import transcribe
 from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.system import Array
@@ -178,7 +178,7 @@ def main() -> None:
         began = time.perf_counter()
         ours.start()
         report["start_seconds"] = time.perf_counter() - began
-        methods: dict[str, Solve] = {"ours": partial(ours.solve, persist=False)}
+        methods: dict[str, Solve] = {"ours": partial(ours.solve, retry_with_fallback=False)}
         for name, expand in (("opti", False), ("opti_expanded", True)):
             methods[name] = PlainOpti(problem, settings.tolerance, expand).solve
         rng = np.random.default_rng(arguments.seed + 3)

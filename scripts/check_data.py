@@ -34,9 +34,10 @@ from moe_policy.planners.solver import SolverPlanner
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.splits import split_of
-from ocp_envs.solvers.guesses import Kind
-from ocp_envs.solvers.nlp import Status
-from ocp_envs.solvers.solver import GuardedSolver, SolverSettings, guesses, verify
+from ocp_envs.solvers.check import verify
+from ocp_envs.solvers.guesses import GuessKind, guesses
+from ocp_envs.solvers.nlp import SolverSettings, Status
+from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.files import replacing
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance, write_json
@@ -77,10 +78,10 @@ def search(name: str, cases: Array, starts: int, seed: tuple[int, ...]) -> Array
     parameters = np.repeat(cases, count, axis=0)
     windings = np.tile(np.arange(count), len(cases))
     best = np.full(len(parameters), np.inf)
-    kind: Kind = "bend" if solver.problem.n_clearances else "rollout"
+    kind: GuessKind = "bend" if solver.problem.n_clearances else "rollout"
     for _ in range(starts):
         tried = guesses(solver.problem, parameters, windings, rng, kind)
-        best = np.minimum(best, solver.solve(parameters, tried, windings, persist=False).cost)
+        best = np.minimum(best, solver.solve(parameters, tried, windings, retry_with_fallback=False).cost)
     return best.reshape(len(cases), count)
 
 

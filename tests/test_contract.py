@@ -89,7 +89,7 @@ def test_the_simulator_makes_the_steps_of_a_solved_plan(problem):
     p = p[np.linalg.norm(p[:, :3] - p[:, 3:6], axis=1) > p[:, 6] + 0.5] if len(problem.context) else p
     p, windings = p[:4], np.full(4, len(problem.targets) // 2)
     with GuardedSolver(problem) as solver:
-        solutions = solver.solve(p, guesses(problem, p, windings, rng, "line"), windings, persist=False)
+        solutions = solver.solve(p, guesses(problem, p, windings, rng, "line"), windings, retry_with_fallback=False)
     assert solutions.solved.sum() >= 2
     system, (_, contexts) = problem.system, problem.start(p)
     for row in np.flatnonzero(solutions.solved):

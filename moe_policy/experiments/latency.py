@@ -19,7 +19,7 @@ from moe_policy.planners.scaling import Array
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import environments
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.solvers.guesses import guesses, random_kind
+from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses, random_kind
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.trajectory import Trajectory
 
@@ -85,7 +85,7 @@ def warm(planner: Planner) -> Start:
     """The plan of ``planner``, to the goal nearest to its end."""
 
     def start(p: Array) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
-        return np.arange(len(p)), planner(p), np.full(len(p), -1)
+        return np.arange(len(p)), planner(p), np.full(len(p), NEAREST_WINDING)
 
     return start
 
@@ -114,13 +114,13 @@ def solver_rows(
     kept: dict[str, list[tuple[Any, ...]]] = {name: [] for name in starts}
     for start in starts.values():  # a first few solves warm up
         rows, guess, windings = start(p[:2])
-        solver.solve(p[:2][rows], guess, windings, persist=False)
+        solver.solve(p[:2][rows], guess, windings, retry_with_fallback=False)
     for begin in range(0, len(p), TURN):
         part = p[begin : begin + TURN]
         for name, start in starts.items():
             restarts, began = solver.restarts, time.perf_counter()
             rows, guess, windings = start(part)
-            found = solver.solve(part[rows], guess, windings, persist=False)
+            found = solver.solve(part[rows], guess, windings, retry_with_fallback=False)
             seconds, hung = time.perf_counter() - began, solver.restarts - restarts
             cheapest = np.full(len(part), np.inf)
             np.minimum.at(cheapest, rows, found.cost)

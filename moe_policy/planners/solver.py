@@ -13,20 +13,19 @@ from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.scaling import Array
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.solvers.guesses import Kind, guesses, random_kind
-from ocp_envs.solvers.solver import GuardedSolver, Solutions
+from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses, random_kind
+from ocp_envs.solvers.solutions import Solutions
+from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.trajectory import Trajectory
-
-_NEAREST_TARGET = -1
 
 
 class BatchSolver(Protocol):
-    """What solves a batch of problems from one guess each; ``GuardedSolver`` and ``Solver`` of ``ocp_envs`` do."""
+    """What solves a batch of problems from one guess each; as ``GuardedSolver`` of ``ocp_envs`` does."""
 
     def solve(
-        self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer], persist: bool = True
+        self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer], *, retry_with_fallback: bool = True
     ) -> Solutions:
-        """Solve B problems; ``persist``: whether to insist where a guess does not converge."""
+        """As :meth:`ocp_envs.solvers.solver.GuardedSolver.solve`."""
 
 
 class SolverPlanner:
@@ -85,26 +84,26 @@ class SolverPlanner:
         """The cheapest verified solution of B parameters, and its cost (B,); NaN and +inf where there is none."""
         checked = self.problem.check_parameters(p, extrapolate=True)
         usual = [random_kind(self.problem)] * self.starts
-        trajectory, cost = self._best(checked, usual, persist=False)
+        trajectory, cost = self._best(checked, usual, retry_with_fallback=False)
         lost = np.flatnonzero(~np.isfinite(cost))
         if not len(lost):
             return trajectory, cost
-        again, cost[lost] = self._best(checked[lost], ["line", *usual], persist=True)
+        again, cost[lost] = self._best(checked[lost], ["line", *usual], retry_with_fallback=True)
         merged, system = trajectory.flat(), self.problem.system
         merged[lost] = again.flat()
         return Trajectory.from_flat(merged, self.problem.knots, system.nx, system.nu), cost
 
-    def _best(self, checked: Array, kinds: list[Kind], persist: bool) -> tuple[Trajectory, Array]:
+    def _best(self, checked: Array, kinds: list[GuessKind], retry_with_fallback: bool) -> tuple[Trajectory, Array]:
         rows, guess, windings = self._guesses(checked, kinds)
         if not len(rows):
             return guess, np.empty(0)
-        solutions = self.solver.solve(checked[rows], guess, windings, persist)
+        solutions = self.solver.solve(checked[rows], guess, windings, retry_with_fallback=retry_with_fallback)
         # Sorted by row, then by cost: the first of every row is its best.
         order = np.lexsort((solutions.cost, rows))
         best = order[np.searchsorted(rows[order], np.arange(len(checked)))]
         return solutions.trajectory[best], solutions.cost[best]
 
-    def _guesses(self, p: Array, kinds: list[Kind]) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
+    def _guesses(self, p: Array, kinds: list[GuessKind]) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
         """Row of p, guess and winding of every solve: warm starts, and a guess of each of ``kinds`` to each winding."""
         every = np.arange(len(p))
         rows, parts, windings = [], [], []
@@ -112,7 +111,7 @@ class SolverPlanner:
             owner, sample = self._warm_starts(self._nearest, p)
             rows.append(owner)
             parts.append(self._nearest.trajectory[sample])
-            windings.append(np.full(len(owner), _NEAREST_TARGET))
+            windings.append(np.full(len(owner), NEAREST_WINDING))
         for row in every if kinds else ():
             rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
             for kind, group in itertools.groupby(kinds):

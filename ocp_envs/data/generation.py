@@ -29,15 +29,14 @@ from numpy.typing import ArrayLike
 from tqdm import tqdm
 
 from ocp_envs.data.database import Database, DatabaseError, Rows
+from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.data.warm_starts import rounds, tasks
-from ocp_envs.data.worker import DEFAULT, GenerationSettings, Task, solve_chunk
+from ocp_envs.data.worker import Chunk, solve_chunk
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.pool import WorkerLostError, WorkerPool
 from ocp_envs.system import Array
-
-__all__ = ["DEFAULT", "GenerationSettings", "generate"]
 
 #: Times each task in flight may lose its worker, without any chunk coming in between, before that is an error.
 _RETRIES = 3
@@ -57,7 +56,7 @@ class _Pool:
         self._width = workers if executor is None else getattr(executor, "_max_workers", None)
         self._looked = -np.inf
 
-    def submit(self, task: Task) -> Future[Rows]:
+    def submit(self, task: Chunk) -> Future[Rows]:
         if self._client is None:
             return self._executor.submit(solve_chunk, task)
         # Dask would give a task that it has seen the result it had, also where that is the loss of its workers.
@@ -104,9 +103,9 @@ class _Run:
         self._failed = 0
         self._losses = 0  # since the last chunk that came
 
-    def __call__(self, tasks: Iterator[Task]) -> None:
-        running: dict[Future[Rows], Task] = {}
-        again: list[Task] = []
+    def __call__(self, tasks: Iterator[Chunk]) -> None:
+        running: dict[Future[Rows], Chunk] = {}
+        again: list[Chunk] = []
         try:
             while True:
                 in_flight = self._pool.in_flight
@@ -119,14 +118,14 @@ class _Run:
         finally:
             self._pool.cancel(running)
 
-    def _take(self, future: Future[Rows], task: Task) -> Task | None:
+    def _take(self, future: Future[Rows], task: Chunk) -> Chunk | None:
         """Write the chunk that came; the task itself where its worker was lost."""
         error = CancelledError("the executor dropped a task") if future.cancelled() else future.exception()
         if error is not None:
             self._lost(error)
             return task
         rows = future.result()
-        self._database.write(task.chunk, rows)
+        self._database.write(task.number, rows)
         self._losses = 0
         self._failed += int((rows.status != Status.SOLVED).sum())
         self._bar.update(len(rows.status))
@@ -150,7 +149,7 @@ def generate(
     executor: Executor | None = None,
     workers: int | None = None,
     seed: int = 0,
-    settings: GenerationSettings = DEFAULT,
+    settings: GenerationSettings = DEFAULT_GENERATION,
     extrapolate: bool = False,
     progress: bool | None = None,
 ) -> Database:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ocp_envs.data.database import Database
-from ocp_envs.data.worker import PATIENCE, GenerationSettings, Task
+from ocp_envs.data.settings import GenerationSettings
+from ocp_envs.data.worker import PATIENCE, Chunk
 from ocp_envs.system import Array
 
 #: Of the local fit: ridge on its slopes, and weight of the farthest neighbours beside 1 of the nearest.
@@ -109,7 +110,7 @@ def rounds(database: Database, settings: GenerationSettings) -> list[range]:
     return rounds
 
 
-def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: range) -> Iterator[Task]:
+def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: range) -> Iterator[Chunk]:
     """The tasks of a round that are not done yet."""
     problem = database.problem
     payload = cloudpickle.dumps(problem)
@@ -128,4 +129,4 @@ def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: r
             # Where no neighbour has a solution there is nothing to start from but guesses.
             warm = np.isin(np.arange(len(p)), owner)
             cold = np.where(warm, settings.cold, max(settings.cold, PATIENCE))
-        yield Task(chunk, payload, settings, (seed, chunk), p, owner, z, cold)
+        yield Chunk(chunk, payload, settings, (seed, chunk), p, owner, z, cold)

@@ -6,89 +6,36 @@ that none of them solves gets it in the end.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, get_args
+from dataclasses import dataclass
+from typing import Any
 
 import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.data.database import Rows
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.solvers.guesses import Kind, guesses
+from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses
 from ocp_envs.solvers.nlp import SolverSettings, Status
 from ocp_envs.solvers.solutions import Solutions, best_per_mode
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 
-_NEAREST_TARGET = -1
 #: A winding that failed from so many guesses is given up: most such goals are out of reach in the time allowed.
 PATIENCE = 2
 
 
-@dataclass(frozen=True)
-class GenerationSettings:
-    """How a database is made.
-
-    Args:
-        first: n₀, problems of the first round; at least one chunk.
-        starts: guesses for each winding in the first round.
-        neighbours: warm starts for each mode that is tried.
-        lookaround: neighbours whose modes are considered.
-        margin: a neighbour's mode is tried if it costs at most this share more than the neighbour's best.
-        cold: guesses for each winding in later rounds, beside the warm starts.
-        chunk: problems of a task.
-        solver: settings of the solves.
-        guess: kind of the guesses for a winding after the first, which is a line; see
-        :data:`~ocp_envs.solvers.guesses.Kind`.
-        fit: where at least 1, a warm start is not a neighbour's solution, but what a local linear fit through the
-            ``fit`` nearest solutions of the mode says at the problem's parameters; one for each mode that is tried.
-    """
-
-    first: int = 200
-    starts: int = 8
-    neighbours: int = 2
-    lookaround: int = 8
-    margin: float = 0.3
-    cold: int = 0
-    chunk: int = 100
-    solver: SolverSettings = field(default_factory=SolverSettings)
-    guess: Kind = "drift"
-    fit: int = 0
-
-    def __post_init__(self) -> None:
-        least = {"first": 1, "starts": 1, "neighbours": 1, "lookaround": 1, "cold": 0, "chunk": 1, "fit": 0}
-        for name, value in least.items():
-            if getattr(self, name) < value:
-                raise ValueError(f"{name} must be at least {value}, got {getattr(self, name)}")
-        if not self.margin >= 0:
-            raise ValueError(f"margin must be at least 0, got {self.margin}")
-        if self.guess not in get_args(Kind):
-            raise ValueError(f"guess must be one of {get_args(Kind)}, got {self.guess!r}")
-
-    def record(self) -> dict[str, Any]:
-        """As JSON, the way databases carry it; a field that came later is left out at its default."""
-        record = dataclasses.asdict(self)
-        for late in ("guess", "fit"):
-            if record[late] == getattr(DEFAULT, late):
-                del record[late]
-        return record
-
-
-DEFAULT = GenerationSettings()
-
-
 @dataclass(frozen=True, eq=False)
-class Task:
+class Chunk:
     """A chunk of problems.
 
     Args:
-        chunk: its number.
+        number: which chunk of the database it is.
         problem: the problem, pickled by value.
         settings: how.
         seed: of the chunk's random guesses.
@@ -97,7 +44,7 @@ class Task:
         cold: random guesses for every winding, by row, (B,).
     """
 
-    chunk: int
+    number: int
     problem: bytes
     settings: GenerationSettings
     seed: tuple[int, ...]
@@ -125,13 +72,13 @@ def _worker(payload: bytes, settings: SolverSettings) -> tuple[OptimalControlPro
     return solver.problem, solver
 
 
-def solve_chunk(task: Task) -> Rows:
+def solve_chunk(task: Chunk) -> Rows:
     """Solve all problems of ``task``, in a process that keeps one solver child for each thread that solves."""
     problem, solver = _worker(task.problem, task.settings.solver)
     owner, solutions = [], []
     if len(task.owner):
         guess = start_from(problem, task.parameters[task.owner], task.z)
-        solutions.append(solver.solve(task.parameters[task.owner], guess, np.full(len(task.owner), _NEAREST_TARGET)))
+        solutions.append(solver.solve(task.parameters[task.owner], guess, np.full(len(task.owner), NEAREST_WINDING)))
         owner.append(task.owner)
     for rows, found in _multistart(problem, solver, task):
         owner.append(rows)
@@ -153,7 +100,7 @@ def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.
 
 
 def _multistart(
-    problem: OptimalControlProblem, solver: GuardedSolver, task: Task
+    problem: OptimalControlProblem, solver: GuardedSolver, task: Chunk
 ) -> Iterator[tuple[NDArray[np.int64], Solutions]]:
     """Row and solution of every random guess; windings that keep failing are given up."""
     targets = len(problem.targets)
@@ -162,24 +109,24 @@ def _multistart(
     reached = np.zeros(len(rows), dtype=bool)
     rng = np.random.default_rng(task.seed)
     for attempt in range(task.cold.max(initial=0)):
-        kind: Kind = "line" if attempt == 0 else task.settings.guess
+        kind: GuessKind = "line" if attempt == 0 else task.settings.guess
         guess = guesses(problem, task.parameters[rows], windings, rng, kind)
         open_ = np.flatnonzero((reached | (attempt < PATIENCE)) & (attempt < task.cold[rows]))
         if not len(open_):
             return
-        found = solver.solve(task.parameters[rows[open_]], guess[open_], windings[open_], persist=False)
+        found = solver.solve(task.parameters[rows[open_]], guess[open_], windings[open_], retry_with_fallback=False)
         reached[open_] |= found.solved
         yield rows[open_], found
 
 
 def _last_resort(
-    problem: OptimalControlProblem, solver: GuardedSolver, task: Task, rows: NDArray[np.int64]
+    problem: OptimalControlProblem, solver: GuardedSolver, task: Chunk, rows: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], Solutions]:
     """Rows without any solution: from a line to every winding, with the second solver where the first is stuck."""
     targets = len(problem.targets)
     owner, windings = np.repeat(rows, targets), np.tile(np.arange(targets), len(rows))
     line = guesses(problem, task.parameters[owner], windings, np.random.default_rng(task.seed), "line")
-    return owner, solver.solve(task.parameters[owner], line, windings, persist=True)
+    return owner, solver.solve(task.parameters[owner], line, windings, retry_with_fallback=True)
 
 
 def _rows(problem: OptimalControlProblem, parameters: Array, owner: NDArray[np.int64], solutions: Solutions) -> Rows:

@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs import tables
-from ocp_envs.data.generation import GenerationSettings, generate
+from ocp_envs.data.generation import generate
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import gaps, off_centre
 from ocp_envs.sets.outside import excess, sample_outside
 from ocp_envs.sets.reference import Reference
 from ocp_envs.sets.sampling import Conditioned, sample
-from ocp_envs.solvers.solver import GuardedSolver, SolverSettings
+from ocp_envs.solvers.nlp import SolverSettings
+from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.system import Array
 
 Record = dict[str, Any]
@@ -35,7 +37,7 @@ EXHAUSTIVE = GenerationSettings(first=ONE_ROUND, starts=40, chunk=10)
 #: are those of the exhaustive search in scripts/check_data.py.
 AROUND = replace(EXHAUSTIVE, starts=20, guess="bend", solver=SolverSettings(primary="ipopt", max_iterations=100))
 #: Guesses as for a validation set; no neighbours, which outside the box are far away.
-THOROUGH = replace(EXHAUSTIVE, starts=12)
+WITHOUT_NEIGHBOURS = replace(EXHAUSTIVE, starts=12)
 #: What the cheap search is for are modes that cost a few per cent more.
 CHEAP = GenerationSettings(margin=0.1)
 #: Relative difference from which two costs count as different.
@@ -188,7 +190,7 @@ class OutsideBox:
     seed: int
     beyond: tuple[float, float] = (0.10, 0.25)
     size: int = 500
-    settings: GenerationSettings = THOROUGH
+    settings: GenerationSettings = WITHOUT_NEIGHBOURS
 
     def candidates(self, problem: OptimalControlProblem, folder: Path, workers: int | None) -> Candidates:
         p = sample_outside(problem, self.seed, self.size, self.beyond, workers=workers)

@@ -9,16 +9,13 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from ocp_envs.data.generation import DEFAULT, GenerationSettings
+from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import has_jump
 from ocp_envs.sets.hard_sets import AROUND, HardSet, NearCentre, NearJump, OutsideBox
 from ocp_envs.sets.sampling import grid, sample
 from ocp_envs.support.suggestions import did_you_mean
 from ocp_envs.system import Array
-
-#: Development and validation sets carry the reference costs, so they get random guesses beside the warm starts.
-THOROUGH = GenerationSettings(starts=12, cold=1)
 
 
 @dataclass(frozen=True)
@@ -36,7 +33,7 @@ class Split:
     size: int = 0
     seed: int = 0
     grid: tuple[int, ...] | None = None
-    settings: GenerationSettings = DEFAULT
+    settings: GenerationSettings = DEFAULT_GENERATION
 
     def __len__(self) -> int:
         return self.size if self.grid is None else math.prod(self.grid)
@@ -61,8 +58,8 @@ _TRAINING = {
     "QuadcopterObstacle-v0": Split(size=616_758, seed=10, settings=_ONE_OPTIMUM),
 }
 _OTHERS = {
-    "development": Split(size=1_000, seed=101, settings=THOROUGH),
-    "validation": Split(size=1_000, seed=202, settings=THOROUGH),
+    "development": Split(size=1_000, seed=101, settings=GenerationSettings.thorough()),
+    "validation": Split(size=1_000, seed=202, settings=GenerationSettings.thorough()),
 }
 _VEHICLE = GenerationSettings(neighbours=3)
 _CHECKED = GenerationSettings(starts=3, neighbours=1, lookaround=4, cold=1, guess="line", fit=40)

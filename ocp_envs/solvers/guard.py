@@ -116,6 +116,11 @@ class Guard:
         self._times: deque[float] = deque(maxlen=_KEPT_TIMES)
         self.restarts = 0
 
+    @property
+    def process_id(self) -> int | None:
+        """Id of the child process; ``None`` where there is none."""
+        return None if self._child is None else self._child.process_id
+
     def solve(self, tasks: Sequence[Task]) -> Iterator[Result]:
         """Results in the order of the tasks.
 

@@ -14,12 +14,14 @@ from ocp_envs.trajectory import Trajectory
 #: "line": straight in state space, controls that hold the goal. "rollout": the motion under random controls.
 #: "drift": such a motion with a linear drift added, so that it ends at the target. "bend": the line with half a sine
 #: wave of random height added to every coordinate, normal with two scales: to pass an obstacle on all sides.
-Kind = Literal["line", "rollout", "drift", "bend"]
+GuessKind = Literal["line", "rollout", "drift", "bend"]
+#: Instead of an index into ``problem.targets``: the winding whose target is nearest to the end of the guess.
+NEAREST_WINDING = -1
 _BEND = 2.0
 _PIECES = 4
 
 
-def random_kind(problem: OptimalControlProblem) -> Kind:
+def random_kind(problem: OptimalControlProblem) -> GuessKind:
     """The kind of random guesses for a problem of which nothing else is known.
 
     Random motions find the families that differ in the winding of the goal. Where the goal is one state they only
@@ -33,7 +35,7 @@ def guesses(
     parameters: Array,
     windings: NDArray[np.integer],
     rng: np.random.Generator,
-    kind: Kind = "drift",
+    kind: GuessKind = "drift",
 ) -> Trajectory:
     """One guess for each of B problems.
 
@@ -41,13 +43,13 @@ def guesses(
         parameters: (B, np).
         windings: (B,) indices into ``problem.targets``.
         rng: source of the random controls (piecewise constant) and of t_f (uniform in the third quarter of its range).
-        kind: see :data:`Kind`.
+        kind: see :data:`GuessKind`.
 
     Raises:
         ValueError: an unknown kind.
     """
-    if kind not in get_args(Kind):
-        raise ValueError(f"kind must be one of {get_args(Kind)}, got {kind!r}")
+    if kind not in get_args(GuessKind):
+        raise ValueError(f"kind must be one of {get_args(GuessKind)}, got {kind!r}")
     size, knots, system = len(parameters), problem.knots, problem.system
     starts, contexts = problem.start(parameters)
     shortest, longest = problem.duration

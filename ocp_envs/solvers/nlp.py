@@ -81,7 +81,7 @@ class Task(NamedTuple):
     guess: Array
     parameter: Array
     target: int
-    persist: bool = True
+    retry_with_fallback: bool = True
 
 
 class Result(NamedTuple):
@@ -105,33 +105,38 @@ class Outcome(enum.Enum):
 
 
 class NlpSolver:
-    """Both solvers of one program. Not to be shared between threads."""
+    """Both solvers of one program. Not to be shared between threads.
+
+    Args:
+        transcription: the program.
+        settings: which solver goes first, tolerance and iteration limits.
+    """
 
     def __init__(self, transcription: Transcription, settings: SolverSettings) -> None:
         nlp, s = transcription.nlp, settings
         self._transcription = transcription
         self._bounds = [transcription.bounds(target) for target in transcription.targets]
         options = _options(transcription, s.primary, s.tolerance, s.max_iterations)
-        self._primary = _Backend(transcription, build_solver(s.primary, nlp, options))
+        self.primary = Backend(transcription, build_solver(s.primary, nlp, options))
         # Rarely needed, and most of IPOPT's time goes into its linear algebra: not worth a compilation.
         options = _options(transcription, s.fallback, s.tolerance, s.fallback_iterations)
-        self._fallback = _Backend(transcription, ca.nlpsol("fallback", s.fallback, nlp, options))
+        self.fallback = Backend(transcription, ca.nlpsol("fallback", s.fallback, nlp, options))
 
     def solve(self, task: Task, skip_primary: bool = False) -> Result:
         """Solve with the primary solver, in two attempts, and with the fallback where that fails or is skipped."""
         began = time.perf_counter()
         bounds = self._bounds[task.target]
-        backend, outcome, iterations = self._primary, Outcome.BROKE_DOWN, 0
+        backend, outcome, iterations = self.primary, Outcome.BROKE_DOWN, 0
         if not skip_primary:
             outcome, iterations = backend.run(task, *bounds)
             if outcome is Outcome.STUCK:
                 longer = task._replace(guess=self._transcription.with_duration(backend.w, _SECOND_DURATION))
                 outcome, more = backend.run(longer, *bounds)
                 iterations += more
-        if outcome is Outcome.BROKE_DOWN or (outcome is Outcome.STUCK and task.persist):
+        if outcome is Outcome.BROKE_DOWN or (outcome is Outcome.STUCK and task.retry_with_fallback):
             if outcome is Outcome.STUCK:
                 task = task._replace(guess=backend.w)
-            backend = self._fallback
+            backend = self.fallback
             outcome, more = backend.run(task, *bounds)
             iterations += more
         return Result(
@@ -140,7 +145,7 @@ class NlpSolver:
             cost=float(backend.cost[0]),
             multipliers=self._transcription.clearance_multipliers(backend.lam_g),
             iterations=iterations,
-            fallback=backend is self._fallback,
+            fallback=backend is self.fallback,
             seconds=time.perf_counter() - began,
         )
 
@@ -155,7 +160,7 @@ def _options(transcription: Transcription, plugin: str, tolerance: float, max_it
     return {"print_time": False, "ipopt": own}
 
 
-class _Backend:
+class Backend:
     """One solver, called through fixed memory: a call costs microseconds, not a conversion of every argument."""
 
     def __init__(self, transcription: Transcription, solver: ca.Function) -> None:

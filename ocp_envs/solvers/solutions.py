@@ -73,7 +73,7 @@ def make_tasks(
     parameters: Array,
     guesses: Trajectory,
     windings: NDArray[np.integer],
-    persist: bool = True,
+    retry_with_fallback: bool = True,
 ) -> list[Task]:
     """The solves of a batch, validated and in scaled variables."""
     windings = np.asarray(windings)
@@ -91,7 +91,7 @@ def make_tasks(
     distance = np.abs((guesses.states[:, -1, None] - problem.targets) / problem.system.state.scale).sum(axis=2)
     targets = np.where(windings < 0, distance.argmin(axis=1), windings)
     fixed = np.concatenate(problem.start(parameters), axis=1)
-    return [Task(*row, persist) for row in zip(transcription.pack(guesses), fixed, targets.tolist())]
+    return [Task(*row, retry_with_fallback) for row in zip(transcription.pack(guesses), fixed, targets.tolist())]
 
 
 def collect(

@@ -17,7 +17,8 @@ import pytest
 import ocp_envs
 from ocp_envs.data import generation
 from ocp_envs.data.database import Database
-from ocp_envs.data.generation import GenerationSettings, generate
+from ocp_envs.data.generation import generate
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.data.worker import solve_chunk
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
@@ -123,7 +124,7 @@ def test_tasks_that_the_cluster_drops_are_submitted_again(whole, client, meanwhi
 def deadly(folder, times, task):
     """Chunk 0 kills its worker so many times."""
     killed = len(os.listdir(folder))
-    if task.chunk == 0 and killed < times:
+    if task.number == 0 and killed < times:
         (folder / str(killed)).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return solve_chunk(task)

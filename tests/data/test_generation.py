@@ -16,16 +16,19 @@ import pytest
 from ocp_envs.data import generation
 from ocp_envs.data import worker as chunks
 from ocp_envs.data.database import Database, DatabaseError
-from ocp_envs.data.generation import GenerationSettings, generate
+from ocp_envs.data.generation import generate
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.data.warm_starts import local_fit
 from ocp_envs.problem import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.compilation import CompiledNotAvailable
-from ocp_envs.solvers.solver import Solver, Status, verify
+from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.pool import WorkerLostError
 from ocp_envs.trajectory import Trajectory
 from scripts.check_interruptions import Kill, descendants, generate_interrupted, plan_kills, wait_for_chunks
+from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 SMALL = GenerationSettings(first=20, chunk=10, starts=2)
@@ -34,7 +37,8 @@ needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="f
 #: What the processes below run; arguments: folder, number of problems.
 SCRIPT = """
 import sys
-from ocp_envs.data.generation import GenerationSettings, generate
+from ocp_envs.data.settings import GenerationSettings
+from ocp_envs.data.generation import generate
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
 if __name__ == "__main__":
@@ -70,22 +74,13 @@ class InProcess(Executor):
 
 
 class Unguarded(Solver):
-    """A solver in this process with the guard's methods, and a record of what it was asked."""
+    """A solver in this process that records which windings it was asked for."""
 
     asked: list[np.ndarray] = []  # noqa: RUF012 - shared on purpose
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception):
-        pass
-
-    def start(self):
-        pass
-
-    def solve(self, parameters, guesses, windings, persist=True):
+    def solve(self, parameters, guesses, windings, *, retry_with_fallback=True):
         self.asked.append(windings)
-        return super().solve(parameters, guesses, windings, persist)
+        return super().solve(parameters, guesses, windings, retry_with_fallback=retry_with_fallback)
 
 
 @pytest.fixture
@@ -136,11 +131,11 @@ def test_rounds_double_and_warm_starts_come_from_earlier_rounds_only(tmp_path, u
     """Spoilt trajectories of a round show up as guesses in later rounds alone."""
     executor = InProcess()
     database = generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, COUNT), executor=executor, settings=SMALL)
-    assert [task.chunk for task in executor.tasks] == list(range(8))
+    assert [task.number for task in executor.tasks] == list(range(8))
     assert [len(task.owner) > 0 for task in executor.tasks] == [False] * 2 + [True] * 6
     stored = database.stored(slice(0, COUNT)).z.astype(np.float32)
     for task in executor.tasks[2:]:
-        before = 20 if task.chunk < 6 else 60  # rounds of 20, 40 and the rest
+        before = 20 if task.number < 6 else 60  # rounds of 20, 40 and the rest
         known = stored[:before].reshape(-1, PENDULUM.flat_size)
         distance = np.abs(known[None] - task.z[:, None]).max(axis=2)
         assert np.nanmin(distance, axis=1).max() == 0
@@ -155,9 +150,9 @@ def test_what_no_guess_solves_gets_the_second_solver_in_the_end(tmp_path, unguar
     """A first solver that is stuck on one problem, whatever the guess, and a second one that is not."""
     p = sample(PENDULUM, 7, 10)
 
-    def solve(self, parameters, guesses, windings, persist=True):
-        found = Solver.solve(self, parameters, guesses, windings, persist)
-        if not persist:
+    def solve(self, parameters, guesses, windings, *, retry_with_fallback=True):
+        found = Solver.solve(self, parameters, guesses, windings, retry_with_fallback=retry_with_fallback)
+        if not retry_with_fallback:
             stuck = (parameters == p[3]).all(axis=1)
             found.status[stuck] = Status.NOT_CONVERGED
             found._blank(stuck)
@@ -212,7 +207,7 @@ def test_fitted_warm_starts_are_one_a_mode_nearer_than_the_neighbours_and_solve_
         executor, settings = InProcess(), dataclasses.replace(SMALL, neighbours=1, fit=fit)
         database = generate(DOUBLE_INTEGRATOR, tmp_path / f"{fit}", p, executor=executor, settings=settings)
         task = executor.tasks[-1]
-        solved = database.stored(database.stored_rows(task.chunk))
+        solved = database.stored(database.stored_rows(task.number))
         distance = np.abs(task.z[:, None] - solved.z[task.owner]).mean(axis=2).min(axis=1, initial=np.inf)
         found[fit] = database.costs().min(axis=1), np.nanmedian(np.where(np.isfinite(distance), distance, np.nan))
         assert database.settings.get("fit", 0) == fit

@@ -15,7 +15,9 @@ from moe_policy.experiments.comparison import Contestant
 from moe_policy.experiments.latency import cold, planner_rows, solver_rows, step_rows, warm
 from moe_policy.experiments.studies import study_of
 from ocp_envs.problems.pendulum import PENDULUM
-from ocp_envs.solvers.solver import GuardedSolver, Solver, SolverSettings
+from ocp_envs.solvers.nlp import SolverSettings
+from ocp_envs.solvers.solver import GuardedSolver
+from tests.in_process import Solver
 
 P = np.array([[0.5, 0.0], [2.0, 1.0], [4.0, -0.5]])
 
@@ -86,9 +88,9 @@ def test_hung_solves_are_counted_where_they_happen():
         def __init__(self):
             self.inner = Solver(PENDULUM)
 
-        def solve(self, parameters, guesses, windings, persist):
+        def solve(self, parameters, guesses, windings, *, retry_with_fallback):
             self.restarts += int((guesses.duration > 7).sum())
-            return self.inner.solve(parameters, guesses, windings, persist)
+            return self.inner.solve(parameters, guesses, windings, retry_with_fallback=retry_with_fallback)
 
     def long(p):
         rows, guess, windings = cold(PENDULUM, "line")(p)

@@ -20,8 +20,9 @@ from moe_policy.planners.solver import SolverPlanner
 from moe_policy.store import ModelFileError, UnknownModelError
 from ocp_envs.problems import UnknownProblemError
 from ocp_envs.problems.pendulum import PENDULUM
-from ocp_envs.solvers.solver import Solutions, Solver
+from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.trajectory import Trajectory
+from tests.in_process import Solver
 from tests.synthetic import fake_samples
 
 QUICK = TrainingSettings(epochs=3)
@@ -102,11 +103,11 @@ class Recorder:
     """Solves nothing: gives every guess back as its solution, at a cost that is its duration."""
 
     def __init__(self, solved=lambda p, duration: np.ones(len(duration), dtype=bool)):
-        self.solved, self.calls, self.persisted = solved, [], []
+        self.solved, self.calls, self.retried = solved, [], []
 
-    def solve(self, parameters, guesses, windings, persist=True):
+    def solve(self, parameters, guesses, windings, *, retry_with_fallback=True):
         self.calls.append((parameters, windings))
-        self.persisted.append(persist)
+        self.retried.append(retry_with_fallback)
         failed = ~self.solved(parameters, guesses.duration)
         flat = guesses.flat()
         flat[failed] = np.nan
@@ -167,7 +168,7 @@ def test_what_no_warm_start_solves_is_tried_again_with_a_line_and_the_fallback()
     first, _ = solver.calls[0]
     warm = (first == p[1]).all(axis=1).sum()
     assert np.bincount(windings + 1).tolist() == [warm, 1, 1, 1]  # the warm starts, and a line to every winding
-    assert solver.persisted == [False, True]
+    assert solver.retried == [False, True]
 
 
 def test_without_guesses_there_is_nothing_to_solve():

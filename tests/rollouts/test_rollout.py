@@ -13,8 +13,8 @@ from ocp_envs import Env, VectorEnv
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.solvers.guesses import guesses
-from ocp_envs.solvers.solver import Solver
 from ocp_envs.trajectory import Trajectory
+from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR, rest_to_rest
 
 

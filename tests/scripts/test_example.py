@@ -23,7 +23,7 @@ def test_the_example_is_short_and_stands_in_readme():
 HASTY = """
 import functools, runpy, sys
 import ocp_envs
-from ocp_envs.data.generation import GenerationSettings
+from ocp_envs.data.settings import GenerationSettings
 ocp_envs.generate = functools.partial(ocp_envs.generate, settings=GenerationSettings(starts=2))
 runpy.run_path(sys.argv.pop(1), run_name="__main__")
 """

@@ -21,7 +21,7 @@ from moe_policy.experiments import comparison
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning.fitting import TrainingSettings
 from moe_policy.rl.training import SACSettings
-from ocp_envs.data.generation import GenerationSettings
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
 from ocp_envs.sets.splits import Split

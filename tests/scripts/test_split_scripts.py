@@ -7,7 +7,7 @@ import pytest
 
 import moe_policy
 from moe_policy.experiments.studies import study_of
-from ocp_envs.data.generation import GenerationSettings
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.sets import reference

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ocp_envs
-from ocp_envs.data.generation import GenerationSettings
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER

@@ -17,9 +17,11 @@ from ocp_envs.sets import free_paths, sampling
 from ocp_envs.sets.sampling import grid, sample
 from ocp_envs.sets.splits import splits_of
 from ocp_envs.solvers.guesses import guesses
-from ocp_envs.solvers.solver import GuardedSolver, Solver, Status
+from ocp_envs.solvers.nlp import Status
+from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.system import Box, Coordinate
 from scripts import make_starts
+from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
 ROWS = 60

@@ -9,8 +9,9 @@ import pytest
 from ocp_envs.solvers import compilation
 from ocp_envs.solvers.compilation import CompiledNotAvailable, build_solver, cache_folder, find_compiler
 from ocp_envs.solvers.guesses import guesses
-from ocp_envs.solvers.solver import Solver, SolverSettings
+from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.transcription import transcribe
+from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 OPTIONS = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes"}}

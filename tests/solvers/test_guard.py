@@ -4,14 +4,19 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import numpy as np
 import pytest
 
 from ocp_envs.solvers.compilation import CompiledNotAvailable
-from ocp_envs.solvers.nlp import NlpSolver
+from ocp_envs.solvers.guard import Guard
+from ocp_envs.solvers.guesses import guesses
+from ocp_envs.solvers.nlp import NlpSolver, SolverSettings, Status
 from ocp_envs.solvers.solutions import make_tasks
-from ocp_envs.solvers.solver import GuardedSolver, Solver, SolverSettings, Status, guesses
+from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.solvers.transcription import transcribe
+from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 pytestmark = pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable")
@@ -40,6 +45,9 @@ class Troubled(NlpSolver):
         return super().solve(task, skip_primary)
 
 
+TROUBLED = partial(Guard, factory=Troubled)
+
+
 class Unborn:
     def __init__(self, transcription, settings):
         raise ZeroDivisionError("a solver that cannot be made")
@@ -64,7 +72,7 @@ def test_guarded_and_unguarded_solutions_are_the_same():
 
 def test_hang_and_crash_end_in_the_fallback_and_lose_nothing_else():
     positions = np.array([0.5, HANGS, 1.5, CRASHES, 2.5, 3.5])
-    with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, Troubled) as solver:
+    with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, TROUBLED) as solver:
         found = solver.solve(*arguments(positions))
         assert solver.restarts == 3  # a crash is tried twice
     assert (found.status == Status.SOLVED).all()
@@ -74,7 +82,7 @@ def test_hang_and_crash_end_in_the_fallback_and_lose_nothing_else():
 
 def test_hang_and_crash_of_both_solvers_are_values():
     positions = np.array([HANGS_TWICE, 0.5, CRASHES_TWICE, 0.7])
-    with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, Troubled) as solver:
+    with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, TROUBLED) as solver:
         found = solver.solve(*arguments(positions))
         assert solver.restarts == 5
     expected = [Status.TIMED_OUT, Status.SOLVED, Status.CRASHED, Status.SOLVED]
@@ -86,7 +94,7 @@ def test_hang_and_crash_of_both_solvers_are_values():
 def test_a_child_killed_from_outside_is_replaced():
     with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
         solver.start()
-        os.kill(solver._guard._child.process_id, signal.SIGKILL)
+        os.kill(solver.runner.process_id, signal.SIGKILL)
         batch = arguments([1.0, 2.0])
         found = solver.solve(*batch)
         assert solver.restarts == 1
@@ -98,8 +106,8 @@ def test_a_child_killed_from_outside_is_replaced():
 def test_an_interrupted_batch_leaves_nothing_to_the_next():
     with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
         p, guess, windings = arguments(np.linspace(1, 4, 6))
-        tasks = make_tasks(DOUBLE_INTEGRATOR, solver._transcription, p, guess, windings)
-        next(interrupted := solver._guard.solve(tasks))
+        tasks = make_tasks(DOUBLE_INTEGRATOR, transcribe(DOUBLE_INTEGRATOR), p, guess, windings)
+        next(interrupted := solver.runner.solve(tasks))
         interrupted.close()  # as an exception in the caller does
         found = solver.solve(*arguments([0.5, 1.5]))
     assert found.solved.all()
@@ -113,7 +121,7 @@ def test_warnings_of_the_child_reach_the_parent():
 
 def test_a_child_that_cannot_start_says_why():
     with (
-        GuardedSolver(DOUBLE_INTEGRATOR, factory=Unborn) as solver,
+        GuardedSolver(DOUBLE_INTEGRATOR, runner=partial(Guard, factory=Unborn)) as solver,
         pytest.raises(RuntimeError, match="cannot be made"),
     ):
         solver.solve(*arguments([1.0]))
@@ -132,11 +140,11 @@ def _alive(process_id):
 def test_the_child_dies_with_its_parent_even_inside_a_solve():
     code = (
         "import threading, time\n"
-        "from tests.solvers.test_guard import DOUBLE_INTEGRATOR, HANGS, Troubled, arguments\n"
+        "from tests.solvers.test_guard import DOUBLE_INTEGRATOR, HANGS, TROUBLED, arguments\n"
         "from ocp_envs.solvers.solver import GuardedSolver\n"
-        "solver = GuardedSolver(DOUBLE_INTEGRATOR, factory=Troubled)\n"
+        "solver = GuardedSolver(DOUBLE_INTEGRATOR, runner=TROUBLED)\n"
         "solver.start()\n"
-        "print(solver._guard._child.process_id, flush=True)\n"
+        "print(solver.runner.process_id, flush=True)\n"
         "solver.solve(*arguments([HANGS]))\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)}

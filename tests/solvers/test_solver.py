@@ -8,10 +8,15 @@ import ocp_envs.solvers.compilation
 from ocp_envs.problem import Goal, OptimalControlProblem, OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
-from ocp_envs.solvers.nlp import Outcome
-from ocp_envs.solvers.solver import Solver, SolverSettings, Status, best_per_mode, guesses, solve, verify
+from ocp_envs.solvers.check import verify
+from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses
+from ocp_envs.solvers.nlp import Outcome, SolverSettings, Status
+from ocp_envs.solvers.solutions import best_per_mode
+from ocp_envs.solvers.solver import solve
+from ocp_envs.solvers.transcription import transcribe
 from ocp_envs.system import Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory
+from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 pytestmark = pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable")
@@ -139,9 +144,8 @@ def test_reflection_about_upright(pendulum):
     for pair in ((1, 1), (0, 2), (2, 0)):
         both = [_join(a, b) for a, b in zip(line(PENDULUM, starts[0], pair[0]), line(PENDULUM, starts[1], pair[1]))]
         solutions = pendulum.solve(*both)
-        assert solutions.status[0] == solutions.status[1]
-        if solutions.solved[0]:
-            assert solutions.cost[0] == pytest.approx(solutions.cost[1], rel=1e-6)
+        assert (solutions.status == Status.SOLVED).all()
+        assert solutions.cost[0] == pytest.approx(solutions.cost[1], rel=1e-6)
 
 
 def _join(a, b):
@@ -164,7 +168,7 @@ def test_both_solvers_agree(pendulum):
 # -- batches, windings, failures -------------------------------------------------------------------------------------
 
 
-def test_windings_are_reached_and_minus_one_takes_the_nearest(pendulum):
+def test_windings_are_reached_and_the_nearest_one_can_be_asked_for(pendulum):
     p = np.tile([[np.pi - 0.5, 0.0]], (3, 1))
     windings = np.arange(3)
     tried = guesses(PENDULUM, p, windings, np.random.default_rng(0), "line")
@@ -172,7 +176,7 @@ def test_windings_are_reached_and_minus_one_takes_the_nearest(pendulum):
     assert (given.status == Status.SOLVED).all()
     np.testing.assert_allclose(given.trajectory.states[:, -1], PENDULUM.targets, atol=1e-4)
     np.testing.assert_array_equal(PENDULUM.modes.classify(PENDULUM, p, given.trajectory, given.multipliers), windings)
-    np.testing.assert_array_equal(pendulum.solve(p, tried, np.full(3, -1)).cost, given.cost)
+    np.testing.assert_array_equal(pendulum.solve(p, tried, np.full(3, NEAREST_WINDING)).cost, given.cost)
 
 
 def test_a_solve_does_not_depend_on_what_was_solved_before(pendulum):
@@ -195,18 +199,18 @@ def test_failure_is_a_value():
 
 def test_a_stuck_primary_solver_gets_a_second_attempt_with_a_longer_duration(monkeypatch):
     solver, seen = Solver(DOUBLE_INTEGRATOR), []
-    run = solver._nlp._primary.run
+    run = solver.runner.nlp.primary.run
 
     def stuck_at_first(task, lower, upper):
         seen.append(task)
         outcome, iterations = run(task, lower, upper)
         return (Outcome.STUCK if len(seen) == 1 else outcome), iterations
 
-    monkeypatch.setattr(solver._nlp._primary, "run", stuck_at_first)
-    result = solver.solve(*line(DOUBLE_INTEGRATOR, [2.0, 0.0]), persist=False)
+    monkeypatch.setattr(solver.runner.nlp.primary, "run", stuck_at_first)
+    result = solver.solve(*line(DOUBLE_INTEGRATOR, [2.0, 0.0]), retry_with_fallback=False)
     assert result.solved[0]
     assert not result.fallback[0]
-    second = solver._transcription.unpack(seen[1].guess[None], np.array([[2.0, 0.0]]))
+    second = transcribe(DOUBLE_INTEGRATOR).unpack(seen[1].guess[None], np.array([[2.0, 0.0]]))
     assert second.duration[0] == pytest.approx(0.75 * DOUBLE_INTEGRATOR.duration[1])
 
 
@@ -216,19 +220,19 @@ def test_what_the_primary_solver_breaks_down_on_goes_to_the_fallback(monkeypatch
     def broken(task, lower, upper):
         return Outcome.BROKE_DOWN, 3
 
-    monkeypatch.setattr(solver._nlp._primary, "run", broken)
-    result = solver.solve(*line(DOUBLE_INTEGRATOR, [2.0, 0.0]), persist=False)
+    monkeypatch.setattr(solver.runner.nlp.primary, "run", broken)
+    result = solver.solve(*line(DOUBLE_INTEGRATOR, [2.0, 0.0]), retry_with_fallback=False)
     assert result.solved[0]
     assert result.fallback[0]
     assert result.iterations[0] > 3
 
 
-@pytest.mark.parametrize("persist", [True, False])
-def test_persistence_hands_over_what_did_not_converge(persist):
+@pytest.mark.parametrize("retry", [True, False])
+def test_the_fallback_retries_what_did_not_converge_only_where_asked(retry):
     hurried = dataclasses.replace(PENDULUM, duration=(0.1, 1.0))
-    result = Solver(hurried).solve(*line(hurried, [0.0, 0.0], 1), persist=persist)
+    result = Solver(hurried).solve(*line(hurried, [0.0, 0.0], 1), retry_with_fallback=retry)
     assert result.status[0] == Status.NOT_CONVERGED
-    assert result.fallback[0] == persist
+    assert result.fallback[0] == retry
 
 
 def test_empty_batch(pendulum):
