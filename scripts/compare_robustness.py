@@ -59,7 +59,7 @@ def identity(problem: OptimalControlProblem, starts: Array, optimal: Array, seed
     """A hash of all that the figures of a level depend on, the level apart; ``optimal`` are flat trajectories."""
     sha = hashlib.sha256()
     weights = {key: str(value) for key, value in asdict(TrackingWeights.default(problem)).items()}
-    sha.update(json.dumps([problem.fingerprint, seed, DT, weights, provenance()["versions"]]).encode())
+    sha.update(json.dumps([problem.fingerprint, seed, DT, weights, provenance().versions]).encode())
     for contestant in contestants(problem):
         sha.update(contestant.name.encode())
         description = store.SHIPPED / problem.id / f"{contestant.name}.json"  # carries the hash of the tensors

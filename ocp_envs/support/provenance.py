@@ -11,6 +11,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -24,23 +25,62 @@ _NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*)\n *\]")
 _PACKAGES = ("ocp-moe", "numpy", "scipy", "casadi", "gymnasium", "torch", "scikit-learn", "control", "zarr")
 
 
-def provenance() -> dict[str, Any]:
-    """Versions, machine, date (UTC) and, in a git checkout, the commit a result was made with."""
+@dataclass(frozen=True)
+class Provenance:
+    """Where a result comes from.
+
+    Args:
+        date: UTC, ISO 8601 to the second.
+        commit: of the git checkout, with ``+`` where files were changed; ``None`` outside of one.
+        python: version.
+        platform: operating system and its version.
+        cpu: model of the processor.
+        cores: number of its logical cores; ``None`` where unknown.
+        versions: package → version, of those that are installed.
+    """
+
+    date: str
+    commit: str | None
+    python: str
+    platform: str
+    cpu: str
+    cores: int | None
+    versions: dict[str, str]
+
+    def to_json(self) -> dict[str, Any]:
+        """As a JSON object."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, content: Mapping[str, Any]) -> Provenance:
+        """The inverse of :meth:`to_json`.
+
+        Raises:
+            ValueError: ``content`` has other keys.
+        """
+        expected = [field.name for field in fields(cls)]
+        if list(content) != expected:
+            raise ValueError(f"expected a provenance with the keys {', '.join(expected)}, got {', '.join(content)}")
+        return cls(**content)
+
+
+def provenance() -> Provenance:
+    """Versions, machine, date (UTC) and, in a git checkout, the commit a result is made with."""
     versions = {}
     for package in (*_PACKAGES, "stable-baselines3"):
         try:
             versions[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return {
-        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "commit": _commit(),
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "cpu": cpu_model(),
-        "cores": os.cpu_count(),
-        "versions": versions,
-    }
+    return Provenance(
+        date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        commit=_commit(),
+        python=platform.python_version(),
+        platform=platform.platform(),
+        cpu=cpu_model(),
+        cores=os.cpu_count(),
+        versions=versions,
+    )
 
 
 def peak_memory_gb(descendants: bool = False) -> float:
@@ -79,6 +119,8 @@ def _plain(value: Any) -> Any:
         return value.item()
     if isinstance(value, Path):
         return str(value)
+    if isinstance(value, Provenance):
+        return value.to_json()
     raise TypeError(f"cannot write {type(value).__name__} as JSON")
 
 

@@ -3,15 +3,21 @@ import json
 import numpy as np
 import pytest
 
-from ocp_envs.support.provenance import provenance, write_json
+from ocp_envs.support.provenance import Provenance, provenance, write_json
 
 
 def test_provenance_is_complete_and_can_be_written(tmp_path):
     record = provenance()
-    assert record["versions"]["casadi"]
-    assert record["cores"] >= 1
-    write_json(tmp_path / "deep" / "record.json", record)
-    assert json.loads((tmp_path / "deep" / "record.json").read_text()) == record
+    assert record.versions["casadi"]
+    assert record.cores >= 1
+    write_json(tmp_path / "deep" / "record.json", record.to_json())
+    assert json.loads((tmp_path / "deep" / "record.json").read_text()) == record.to_json()
+    assert Provenance.from_json(json.loads((tmp_path / "deep" / "record.json").read_text())) == record
+
+
+def test_another_object_is_no_provenance():
+    with pytest.raises(ValueError, match=r"expected a provenance with the keys date, .*, got date"):
+        Provenance.from_json({"date": "2026-01-01"})
 
 
 def test_arrays_become_lists(tmp_path):
