@@ -8,9 +8,8 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 class Planner(Protocol):

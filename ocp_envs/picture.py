@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ocp_envs.support.arrays import Array
 
 
 def _check_points(name: str, points: Array, least: int) -> None:

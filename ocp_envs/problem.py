@@ -25,9 +25,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.picture import Picture
+from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.batch import BatchFunction, dense_function
 from ocp_envs.symmetry import Symmetry
-from ocp_envs.system import Array, Box, System, frozen_array, rk4_step
+from ocp_envs.system import Box, System, rk4_step
 from ocp_envs.trajectory import Trajectory, flat_size
 
 #: (state, control, context, constants) → L, one expression; context and constants are namespaces.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp_envs.system import Array, frozen_array
+from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.trajectory import Trajectory
 
 

@@ -20,18 +20,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ocp_envs.support.arrays import Array, frozen_array
+
 #: f(state, control, constants): sequences of scalar expressions and a namespace of constants → list of ẋ.
 Dynamics = Callable[[Sequence[Any], Sequence[Any], SimpleNamespace], Sequence[Any]]
-
-
-def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
-    """A read-only copy of ``values``."""
-    array = np.array(values, dtype=dtype)
-    array.flags.writeable = False
-    return array
 
 
 def wrap(difference: Any, period: float) -> Any:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.files import replacing
-from ocp_envs.system import Array, frozen_array
 
 FOLDER = Path(__file__).parent / "reference"
 STARTS = "starts"

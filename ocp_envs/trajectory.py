@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from ocp_envs.support.arrays import Array
 
 
 def flat_size(knots: int, nx: int, nu: int) -> int:

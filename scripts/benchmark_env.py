@@ -25,8 +25,9 @@ import ocp_envs
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.accuracy import integrate
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.system import Array, Box
+from ocp_envs.system import Box
 
 REPETITIONS = 7
 NUM_ENVS = 4096

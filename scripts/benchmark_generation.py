@@ -21,8 +21,8 @@ import numpy as np
 import ocp_envs
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.system import Array
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 TOLERANCE = 1e-3

@@ -17,7 +17,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
 import moe_policy
 import ocp_envs
@@ -25,10 +24,8 @@ from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.system import Array
-
-Bools = NDArray[np.bool_]
 
 RESULTS = Path(__file__).resolve().parents[1] / "results"
 DT = 0.02

@@ -37,8 +37,8 @@ from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
 from ocp_envs.solvers.solutions import Solutions, collect, make_tasks
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.solvers.transcription import transcribe
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 
 #: Stored solutions that a fit goes through, as many as in the generation of the quadcopters' sets.

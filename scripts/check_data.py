@@ -38,10 +38,10 @@ from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.guesses import GuessKind, guesses
 from ocp_envs.solvers.nlp import SolverSettings, Status
 from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -38,9 +38,9 @@ from moe_policy.experiments.robustness import Perturbation, level_key, perturbat
 from moe_policy.experiments.tables import Column, text_table
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -31,8 +31,8 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.discontinuity import distance_to_jump
 from ocp_envs.sets.splits import hard_sets_of
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.system import Array
 
 ROOT = Path(__file__).resolve().parents[1]
 

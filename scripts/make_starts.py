@@ -26,8 +26,8 @@ from ocp_envs.sets import free_paths
 from ocp_envs.sets.sampling import sample
 from ocp_envs.sets.splits import splits_of
 from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.system import Array
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Seeds of the starts, of the paths in the table, and of those its error is measured on.

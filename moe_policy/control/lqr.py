@@ -33,9 +33,8 @@ from numpy.typing import NDArray
 
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.system import Box, frozen_array
-
-Array = NDArray[np.float64]
+from ocp_envs.support.arrays import Array, frozen_array
+from ocp_envs.system import Box
 
 #: Where a goal cannot be held, the error at the end of a plan counts as much as so many ticks of it.
 TERMINAL_FACTOR = 10.0

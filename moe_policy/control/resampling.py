@@ -21,10 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.batch import BatchFunction
 from ocp_envs.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 #: A plan that ends this fraction of a tick after a tick ends on it: t_f is a rounded number.
 _TICK_TOLERANCE = 1e-6

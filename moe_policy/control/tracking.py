@@ -23,9 +23,8 @@ from moe_policy.control.lqr import Regulator, TrackingWeights, nearest_control
 from moe_policy.control.resampling import Resampler
 from moe_policy.protocols import Planner, Policy, Schedule
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

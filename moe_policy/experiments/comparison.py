@@ -11,9 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from moe_policy.control.lqr import TrackingWeights
 from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
 from moe_policy.experiments.tables import Column, Outcome, duration, share
@@ -23,9 +20,8 @@ from moe_policy.protocols import Planner, Policy
 from moe_policy.rollouts.metrics import Share, evaluate, time_planner
 from moe_policy.rollouts.rollout import Episodes, environments, rollout
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import t as student
 
 from moe_policy.rl.settings import ALGORITHMS, RLSettings
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 
-Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moe_policy.experiments.tables import COLORS, save_figure
 from ocp_envs.data.database import MISSING, Database
@@ -20,14 +19,13 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.accuracy import Accuracy, accuracy
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.nlp import Status
+from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 #: Gaps below which two modes count as close.
 CLOSE = (0.001, 0.01, 0.03)

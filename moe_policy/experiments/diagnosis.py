@@ -38,10 +38,8 @@ from moe_policy.rollouts.rollout import rollout
 from ocp_envs.data.samples import Samples
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.trajectory import Trajectory
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class Cause(StrEnum):

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments.comparison import Contestant
 from moe_policy.experiments.tables import ABSENT, Column, duration
-from moe_policy.planners.scaling import Array
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import environments
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses, random_kind
 from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 #: Plans of a call. The solver takes its time over the large one.

@@ -22,10 +22,10 @@ from moe_policy.experiments.studies import study_of
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.scaling import Array
 from moe_policy.planners.solver import SolverPlanner
 from moe_policy.planners.symmetric import Symmetrised
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
 from ocp_envs.trajectory import Trajectory
 

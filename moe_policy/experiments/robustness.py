@@ -27,10 +27,10 @@ from typing import Any
 import numpy as np
 
 from moe_policy.experiments.comparison import Contestant
-from moe_policy.planners.scaling import Array
 from moe_policy.rollouts.metrics import evaluate
 from moe_policy.rollouts.rollout import environments, rollout
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 
 KINDS = ("mismatch", "disturbance", "noise", "delay")
 #: What is kept of the metrics of a level.

@@ -23,8 +23,8 @@ from moe_policy.experiments.tables import ABSENT, Column, share
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.metrics import Share
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 
-Array = NDArray[np.float64]
 Record = dict[str, Any]
 
 #: The splits in the order of tables and figures, each with the reference set it is.

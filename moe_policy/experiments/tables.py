@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moe_policy.rollouts.metrics import Share
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 #: What stands in a cell without a value.
 ABSENT = "–"

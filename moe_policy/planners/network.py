@@ -26,9 +26,10 @@ from moe_policy.planners.networks import (
     count_parameters,
 )
 from moe_policy.planners.record import TrainingReport
-from moe_policy.planners.scaling import Array, Standardizer
+from moe_policy.planners.scaling import Standardizer
 from moe_policy.store import ModelFile, write_model
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 

@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from ocp_envs.support.arrays import Array
 
 SMALLEST_DEVIATION = 1e-3
 #: Rows that are worked on at once: in double precision they need not all fit in memory.

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from moe_policy import store
 from moe_policy.planners.nearest import NearestPlanner
-from moe_policy.planners.scaling import Array
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses, random_kind
 from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from moe_policy.control.tracking import Stabilised
 from moe_policy.rl.actor import LearnedPolicy, read_policy
@@ -40,6 +40,7 @@ from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.envs.simulation import largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 
 if TYPE_CHECKING:
     from moe_policy.rl.vec_env import SB3VecEnv
@@ -55,8 +56,6 @@ __all__ = [
     "train",
     "training_env",
 ]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
+from ocp_envs.support.arrays import Array, Bools
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,7 @@ from scipy.stats import binomtest
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
-
-Array = NDArray[np.float64]
+from ocp_envs.support.arrays import Array
 
 
 @dataclass(frozen=True)

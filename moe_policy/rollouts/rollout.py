@@ -23,10 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from moe_policy.protocols import PlanningPolicy, Policy, Schedule
 from moe_policy.rollouts.episodes import Episodes as Episodes
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.batch import BatchFunction
-
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class _Log:

@@ -35,7 +35,7 @@ from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support import scratch
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 FORMAT = "ocp-moe database"

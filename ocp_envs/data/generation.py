@@ -35,8 +35,8 @@ from ocp_envs.data.worker import Chunk, solve_chunk
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerLostError, WorkerPool
-from ocp_envs.system import Array
 
 #: Times each task in flight may lose its worker, without any chunk coming in between, before that is an error.
 _RETRIES = 3

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from ocp_envs.data.database import Database
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.data.worker import PATIENCE, Chunk
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 
 #: Of the local fit: ridge on its slopes, and weight of the farthest neighbours beside 1 of the nearest.
 _RIDGE = 1e-3

@@ -23,7 +23,7 @@ from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses
 from ocp_envs.solvers.nlp import SolverSettings, Status
 from ocp_envs.solvers.solutions import Solutions, best_per_mode
 from ocp_envs.solvers.solver import GuardedSolver
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 #: A winding that failed from so many guesses is given up: most such goals are out of reach in the time allowed.

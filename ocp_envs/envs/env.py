@@ -18,7 +18,7 @@ from ocp_envs.envs.options import RENDER_MODES, Settings
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.render.scene import Film
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 __all__ = ["Env", "VectorEnv"]

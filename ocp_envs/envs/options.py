@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError, load
+from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.suggestions import did_you_mean
-from ocp_envs.system import Array, frozen_array
 from ocp_envs.tables import starts
 
 RENDER_MODES = ("rgb_array", "human")

@@ -28,8 +28,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.batch import BatchFunction, BoundFunction, dense_function
-from ocp_envs.system import Array, Box
+from ocp_envs.system import Box
 
 _MOST_VERTICES = 2**16
 

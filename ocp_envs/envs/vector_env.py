@@ -16,10 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from ocp_envs.envs.options import RENDER_MODES, Settings
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.render.scene import Film
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.trajectory import Trajectory
-
-Bools = NDArray[np.bool_]
 
 
 class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):

@@ -34,8 +34,9 @@ from numpy.typing import NDArray
 
 from ocp_envs.picture import Ball, Face, Line, Picture, Shape, disc
 from ocp_envs.problem import Goal, Modes, OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.symmetry import Symmetry
-from ocp_envs.system import Array, Box, Coordinate, System
+from ocp_envs.system import Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory
 
 CONSTANTS = {

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ocp_envs.picture import Face, Line, Picture, Shape
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.render.space import Space
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 _TRAIL, _GOAL, _INK, _PLAN = "#3b6ea5", "#3a8f4d", "#333333", "#d1781f"

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ocp_envs.picture import Array, Ball, Face, Line, Picture, Shape, disc
+from ocp_envs.picture import Ball, Face, Line, Picture, Shape, disc
+from ocp_envs.support.arrays import Array
 
 _SHADOW = "#8a8f98"
 _LIGHT = np.array([-0.35, -0.55, 0.76]) / np.linalg.norm([-0.35, -0.55, 0.76])  # where it comes from

@@ -18,7 +18,7 @@ import numpy as np
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import free_paths
 from ocp_envs.solvers.solver import GuardedSolver
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 
 #: The context coordinate that holds the radius of a sphere; the clearance is the distance from its centre less that.
 RADIUS = "radius"

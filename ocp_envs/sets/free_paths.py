@@ -29,7 +29,7 @@ from ocp_envs import tables
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.solver import GuardedSolver
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 TABLE = "paths"

@@ -26,7 +26,7 @@ from ocp_envs.sets.reference import Reference
 from ocp_envs.sets.sampling import Conditioned, sample
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 
 Record = dict[str, Any]
 #: More problems than any set has: all are in the first round, where nothing but guesses is started from.

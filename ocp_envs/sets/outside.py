@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.sampling import sample
-from ocp_envs.system import Array, Box
+from ocp_envs.support.arrays import Array
+from ocp_envs.system import Box
 
 #: Rows of a draw are drawn so many at once; fewer where they are few.
 _BLOCK = 1_000

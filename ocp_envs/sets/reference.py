@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ocp_envs import tables
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.tables import path_of
 
 SHIPPED = ("development", "validation")

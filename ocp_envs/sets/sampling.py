@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import free_paths
 from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerPool
-from ocp_envs.system import Array
 
 #: Rows of a task.
 _CHUNK = 2_000

@@ -14,8 +14,8 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import has_jump
 from ocp_envs.sets.hard_sets import AROUND, HardSet, NearCentre, NearJump, OutsideBox
 from ocp_envs.sets.sampling import grid, sample
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.suggestions import did_you_mean
-from ocp_envs.system import Array
 
 
 @dataclass(frozen=True)

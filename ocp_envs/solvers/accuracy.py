@@ -17,8 +17,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.batch import BatchFunction
-from ocp_envs.system import Array
 from ocp_envs.trajectory import Trajectory
 
 #: Of each row alone; see the module.

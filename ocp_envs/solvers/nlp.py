@@ -23,7 +23,7 @@ import numpy as np
 
 from ocp_envs.solvers.compilation import build_solver
 from ocp_envs.solvers.transcription import Transcription
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 
 
 class Status(enum.IntEnum):

@@ -13,7 +13,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.nlp import Result, Status, Task
 from ocp_envs.solvers.transcription import Transcription
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 

@@ -18,7 +18,7 @@ from ocp_envs.solvers.guesses import GuessKind, guesses, random_kind
 from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
 from ocp_envs.solvers.solutions import Solutions, best_per_mode, collect, make_tasks
 from ocp_envs.solvers.transcription import Transcription, transcribe
-from ocp_envs.system import Array
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 DEFAULT_SOLVER = SolverSettings()

@@ -12,9 +12,9 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ocp_envs.support.arrays import Array
+
 _KEPT_SIZES = 8
 
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.check import path_violation
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 
 def flip_parameters(

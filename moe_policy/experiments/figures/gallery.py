@@ -24,11 +24,11 @@ from moe_policy.experiments.figures.cases import find_flip, flip_parameters, pla
 from moe_policy.learning.clustering import Labels, cluster
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.scaling import Array
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.solver import GuardedSolver, solve
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 #: Training samples drawn around the case where the single network interpolates.

@@ -8,19 +8,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moe_policy.experiments.tables import COLORS, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 def _phase_labels(axes: Axes, problem: OptimalControlProblem) -> None:

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from moe_policy.experiments.tables import COLORS, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
@@ -21,6 +20,7 @@ from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.protocols import Planner
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
 from ocp_envs.system import Coordinate
 from ocp_envs.trajectory import Trajectory
 
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 
 _INK = "#000000"
 #: Dark, so that they stand out from the thin lines in the colours of the clusters.

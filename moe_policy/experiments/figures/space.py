@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from moe_policy.experiments.figures.cases import find_flip, plan_violations
@@ -26,13 +26,13 @@ from ocp_envs.data.samples import Samples
 from ocp_envs.picture import Ball, Picture
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.render.space import Space
+from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 Size = tuple[float, float]
 Bounds = tuple[float, float, float, float]
 
