@@ -21,7 +21,7 @@ import torch
 import ocp_envs
 from moe_policy.experiments.diagnosis import Failure, Judgement, counts, explain
 from moe_policy.experiments.tables import Column, share, text_table
-from moe_policy.rollouts.metrics import Share
+from moe_policy.rollouts.intervals import Proportion
 from moe_policy.store import SHIPPED, load_file
 from ocp_envs.support.provenance import provenance, write_json
 
@@ -91,7 +91,7 @@ def main() -> None:
     if records:
         print(text_table(records, COLUMNS))
     print(text_table(summary(failures, len(cases)), (Column("cause", "cause"), Column("failures", "failures"))))
-    success = Share(len(cases) - len(failures), len(cases))
+    success = Proportion(len(cases) - len(failures), len(cases))
     print(f"{planner.name}: {share(success)} of {success.total} cases succeed, judged at the {WORDS[arguments.at]}")
     suffix = "" if arguments.at is Judgement.JUDGING_TIME else f"_{arguments.at}"
     output = arguments.results / f"failures_{problem.id}_{path.name}{suffix}.json"
@@ -106,7 +106,7 @@ def main() -> None:
         "keys": {name: database.key for name, database in databases.items()},
         "cases": len(cases),
         "unsolved": databases["validation"].totals()["problems"] - databases["validation"].totals()["solved"],
-        "success": success.record(),
+        "success": success.to_json(),
         "causes": counts(failures),
         "failures": records,
         "seconds": time.perf_counter() - began,

@@ -20,9 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from moe_policy.experiments.curves import FOLLOWED, Record, Spread
+from moe_policy.experiments.curves import FOLLOWED, Record
 from moe_policy.experiments.tables import Column, duration
 from moe_policy.protocols import Policy
+from moe_policy.rollouts.intervals import Spread
 from ocp_envs.problem import OptimalControlProblem
 
 #: What each side is given, word for word in every record.
@@ -176,8 +177,8 @@ def planner_rows(
             "name": row["name"],
             "samples": row["samples"],
             "budget": budget,
-            "validation_success": Spread(tuple(s / total for s in row["success"]), (0, 1)).record(),
-            "validation_violation": None if violations[0] is None else Spread(tuple(violations)).record(),
+            "validation_success": Spread.of((s / total for s in row["success"]), (0, 1)).to_json(),
+            "validation_violation": None if violations[0] is None else Spread.of(violations).to_json(),
         }
     return [rows[key] for key in sorted(rows, key=lambda key: (names.index(key[0]), key[1]))]
 

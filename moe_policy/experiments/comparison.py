@@ -17,7 +17,8 @@ from moe_policy.experiments.tables import Column, Outcome, duration, share
 from moe_policy.learning.training import validation_error
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.protocols import Planner, Policy
-from moe_policy.rollouts.metrics import Share, evaluate, time_planner
+from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.metrics import evaluate, time_planner
 from moe_policy.rollouts.rollout import Episodes, environments, rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
@@ -111,7 +112,7 @@ def outcome(name: str, episodes: Episodes, problem: OptimalControlProblem) -> Ou
 
 
 def _share(record: Mapping[str, Any]) -> str:
-    return share(Share(record["count"], record["total"]))
+    return share(Proportion(record["count"], record["total"]))
 
 
 def _of(key: str, form: Callable[[Any], str]) -> Callable[[Any], str]:

@@ -12,15 +12,14 @@ import dataclasses
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import t as student
 
 from moe_policy.rl.settings import ALGORITHMS, RLSettings
+from moe_policy.rollouts.intervals import Spread
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 
@@ -28,51 +27,6 @@ Record = dict[str, Any]
 
 
 # -- over seeds --------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Spread:
-    """A figure over training seeds.
-
-    Args:
-        values: one a seed, at least one.
-        bounds: what the figure cannot exceed; the interval of the mean is cut there.
-    """
-
-    values: tuple[float, ...]
-    bounds: tuple[float, float] = (-np.inf, np.inf)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", tuple(float(value) for value in self.values))
-        if not self.values or not np.isfinite(self.values).all():
-            raise ValueError(f"expected a finite figure for each of at least one seed, got {self.values}")
-
-    @property
-    def coverage(self) -> float:
-        """Probability that least and most enclose the median of all seeds."""
-        return 1 - 2.0 ** (1 - len(self.values))
-
-    @property
-    def mean_interval(self) -> tuple[float, float] | None:
-        """Student's interval of the mean at 95 %, or ``None`` with a single seed."""
-        n = len(self.values)
-        if n < 2:
-            return None
-        reach = float(student.ppf(0.975, n - 1)) * float(np.std(self.values, ddof=1)) / n**0.5
-        low, high = np.clip([np.mean(self.values) - reach, np.mean(self.values) + reach], *self.bounds)
-        return float(low), float(high)
-
-    def record(self) -> Record:
-        """As JSON."""
-        return {
-            "values": list(self.values),
-            "median": float(np.median(self.values)),
-            "least": min(self.values),
-            "most": max(self.values),
-            "coverage": self.coverage,
-            "mean": float(np.mean(self.values)),
-            "mean_interval": None if self.mean_interval is None else list(self.mean_interval),
-        }
 
 
 def over_seeds(curves: Sequence[Mapping[str, Any]], axis: str, figure: str) -> tuple[Array, Array]:
@@ -168,6 +122,6 @@ def learner_record(runs: Sequence[Mapping[str, Any]]) -> Record:
         "seconds": [run["seconds"] for run in runs],
         "trials_before": len(runs[0].get("search", [])),
         "steps_of_trials": sum(trial["steps"] for trial in runs[0].get("search", [])),
-        "validation_success": Spread(shares, (0, 1)).record() if shares else None,
+        "validation_success": Spread.of(shares, (0, 1)).to_json() if shares else None,
         "curves": [curve_of(run) for run in runs],
     }

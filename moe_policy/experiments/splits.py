@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from moe_policy.experiments.tables import ABSENT, Column, share
 from moe_policy.rollouts.episodes import Episodes
-from moe_policy.rollouts.metrics import Share
+from moe_policy.rollouts.intervals import Mean, Proportion
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 
@@ -81,17 +80,6 @@ def log_bins(distances: Array, per_decade: int = PER_DECADE, least: int = LEAST)
     return np.array(edges)
 
 
-def mean_record(values: Array) -> Record | None:
-    """Mean of the finite ``values`` (n,) ≥ 0 with Student's interval, as JSON; ``None`` where there are none."""
-    finite = values[np.isfinite(values)]
-    n = len(finite)
-    if n == 0:
-        return None
-    mean = float(finite.mean())
-    reach = float(student.ppf(0.975, n - 1)) * float(finite.std(ddof=1)) / n**0.5 if n > 1 else mean
-    return {"mean": mean, "total": n, "interval": [max(mean - reach, 0.0), mean + reach]}
-
-
 def outcomes(problem: OptimalControlProblem, episodes: Episodes, metric: str) -> Array | NDArray[np.bool_] | None:
     """What ``metric`` of :func:`metrics_of` counts, by episode, (B,); ``None`` where there is no plan to judge."""
     planned = bool(np.isfinite(episodes.plan_end_error).any())
@@ -137,7 +125,8 @@ def curves(problem: OptimalControlProblem, distances: Array, episodes: Mapping[s
 
 
 def _bin(values: NDArray[Any]) -> Record | None:
-    return Share.of(values).record() if values.dtype == bool else mean_record(values)
+    found = Proportion.of(values) if values.dtype == bool else Mean.of(values)
+    return None if found is None else found.to_json()
 
 
 def judged(problem: OptimalControlProblem, episodes: Episodes) -> Record:
@@ -179,7 +168,7 @@ def _cell(key: str, form: Callable[[Any], str]) -> Callable[[Mapping[str, Any]],
 
 
 def _share(record: Mapping[str, Any]) -> str:
-    return f"{share(Share(record['count'], record['total']))} of {record['total']:,}"
+    return f"{share(Proportion(record['count'], record['total']))} of {record['total']:,}"
 
 
 def _ratio(record: Mapping[str, Any]) -> str:

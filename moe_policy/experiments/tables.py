@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moe_policy.rollouts.metrics import Share
+from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
 
@@ -74,7 +74,7 @@ class Column:
         return self.form(value) if callable(self.form) else format(value, self.form)
 
 
-def share(value: Share) -> str:
+def share(value: Proportion) -> str:
     """For instance ``998 (99.3–99.9 %)``: the count and its interval."""
     low, high = value.interval
     return f"{value.count} ({100 * low:.1f}–{100 * high:.1f} %)"
@@ -200,13 +200,13 @@ class Outcome:
     """
 
     name: str
-    success: Share
-    success_at_plan_end: Share | None = None
+    success: Proportion
+    success_at_plan_end: Proportion | None = None
     errors: Array | None = None
 
 
 def draw_success(axes: Axes, outcomes: Sequence[Outcome]) -> None:
-    """Share of successes of each policy with its 95 % interval; open marks: at the plan's end, without the hold."""
+    """Fraction of successes of each policy with its 95 % interval; open marks: at the plan's end, without the hold."""
     styles = looks(outcome.name for outcome in outcomes)
     for i, outcome in enumerate(outcomes):
         color = styles[outcome.name]["color"]

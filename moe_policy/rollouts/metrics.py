@@ -7,48 +7,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.stats import binomtest
+from numpy.typing import ArrayLike
 
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.episodes import Episodes
+from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
-
-
-@dataclass(frozen=True)
-class Share:
-    """``count`` of ``total``, with the Wilson interval at 95 % confidence.
-
-    The interval is that of Wilson, *Probable inference, the law of succession, and statistical inference* (1927); it
-    stays inside [0, 1] and is of use at 0 and at ``total``.
-    """
-
-    count: int
-    total: int
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.count <= self.total or self.total == 0:
-            raise ValueError(f"expected 0 ≤ count ≤ total and total > 0, got {self.count} of {self.total}")
-
-    @property
-    def fraction(self) -> float:
-        return self.count / self.total
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Lower and upper bound of the true fraction."""
-        interval = binomtest(self.count, self.total).proportion_ci(0.95, method="wilson")
-        return float(interval.low), float(interval.high)
-
-    def record(self) -> dict[str, Any]:
-        """As JSON."""
-        return {"count": self.count, "total": self.total, "fraction": self.fraction, "interval": list(self.interval)}
-
-    @classmethod
-    def of(cls, flags: NDArray[np.bool_]) -> Share:
-        """How many of ``flags`` (B,) are set."""
-        return cls(int(np.count_nonzero(flags)), len(flags))
 
 
 @dataclass(frozen=True)
@@ -77,9 +42,9 @@ class Metrics:
         knot_violation_mean, knot_violation_max: the same at the plan's knots; ``None`` without plan or constraints.
     """
 
-    reached: Share
-    success: Share
-    success_at_plan_end: Share | None
+    reached: Proportion
+    success: Proportion
+    success_at_plan_end: Proportion | None
     plan_end_error_median: float | None
     plan_end_error_95: float | None
     final_error_median: float
@@ -94,11 +59,11 @@ class Metrics:
     knot_violation_max: float | None
 
     def record(self) -> dict[str, Any]:
-        """As JSON: shares with their intervals, absent figures as ``None``."""
+        """As JSON: fractions with their intervals, absent figures as ``None``."""
         record = asdict(self)
         for name in ("reached", "success", "success_at_plan_end"):
-            share = getattr(self, name)
-            record[name] = None if share is None else share.record()
+            found: Proportion | None = getattr(self, name)
+            record[name] = None if found is None else found.to_json()
         return record
 
 
@@ -122,9 +87,9 @@ def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episo
     path = _mean_and_max(episodes.violation) if constrained else (None, None)
     knots = _mean_and_max(episodes.knot_violation) if constrained and planned else (None, None)
     return Metrics(
-        reached=Share.of(episodes.reached),
-        success=Share.of(episodes.success),
-        success_at_plan_end=Share.of(episodes.plan_end_error < problem.goal.radius) if planned else None,
+        reached=Proportion.of(episodes.reached),
+        success=Proportion.of(episodes.success),
+        success_at_plan_end=Proportion.of(episodes.plan_end_error < problem.goal.radius) if planned else None,
         plan_end_error_median=at_end[0],
         plan_end_error_95=at_end[1],
         final_error_median=float(final[0]),

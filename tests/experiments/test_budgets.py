@@ -11,10 +11,11 @@ import pytest
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments.budgets import PlannerBudget, Untimed, generation_record, planner_rows
 from moe_policy.experiments.comparison import environments
-from moe_policy.experiments.curves import Spread, curve_of
+from moe_policy.experiments.curves import curve_of
 from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.experiments.studies import Study
 from moe_policy.rl.settings import PPOSettings, SACSettings
+from moe_policy.rollouts.intervals import Spread
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
@@ -100,7 +101,7 @@ def a_record(**changes):
                 "name": "snn",
                 "samples": 500,
                 "budget": budget,
-                "validation_success": Spread((0.8, 0.9)).record(),
+                "validation_success": Spread.of((0.8, 0.9)).to_json(),
                 "validation_violation": None,
             }
         ],

@@ -2,41 +2,16 @@
 
 import dataclasses
 import json
-import math
 
 import numpy as np
 import pytest
-from scipy.stats import ttest_1samp
 
-from moe_policy.experiments.curves import Spread, band, learner_record, learner_runs, over_seeds
+from moe_policy.experiments.curves import band, learner_record, learner_runs, over_seeds
 from moe_policy.rl.settings import PPOSettings, SACSettings
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 
 # -- over seeds --------------------------------------------------------------------------------------------------------
-
-
-def test_least_and_most_enclose_the_median_as_often_as_they_say():
-    rng = np.random.default_rng(0)
-    for n in (2, 3, 5):
-        draws = rng.exponential(size=(20_000, n))
-        found = np.mean((draws.min(axis=1) < math.log(2)) & (draws.max(axis=1) > math.log(2)))
-        assert found == pytest.approx(Spread(tuple(draws[0])).coverage, abs=0.01)
-
-
-def test_students_interval_is_scipys():
-    values = (0.2, 0.5, 0.35, 0.9)
-    expected = ttest_1samp(values, 0.0).confidence_interval(0.95)
-    assert Spread(values).mean_interval == pytest.approx((expected.low, expected.high))
-    assert Spread((0.99, 1.0), (0, 1)).mean_interval[1] == 1.0
-    record = json.loads(json.dumps(Spread((0.4,)).record(), allow_nan=False))
-    assert (record["median"], record["mean_interval"], record["coverage"]) == (0.4, None, 0.0)
-
-
-@pytest.mark.parametrize("values", [(), (0.1, math.nan)])
-def test_a_spread_of_nothing_is_refused(values):
-    with pytest.raises(ValueError, match="expected a finite figure"):
-        Spread(values)
 
 
 def line(begin, end, step, slope):

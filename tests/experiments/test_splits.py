@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from scipy import stats
 
 from moe_policy.experiments.splits import (
     SPLIT_COLUMNS,
@@ -15,12 +14,12 @@ from moe_policy.experiments.splits import (
     disjoint,
     judged,
     log_bins,
-    mean_record,
     metrics_of,
     separations,
 )
 from moe_policy.experiments.tables import markdown_table
-from moe_policy.rollouts.metrics import Share, evaluate
+from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.metrics import evaluate
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE
@@ -50,17 +49,6 @@ def test_what_cannot_be_binned_is_refused(distances):
         log_bins(np.array(distances))
 
 
-def test_means_have_students_interval():
-    values = np.array([0.1, 0.3, np.nan, 0.2, 0.6])
-    found, finite = mean_record(values), values[np.isfinite(values)]
-    low, high = stats.t.interval(0.95, 3, finite.mean(), stats.sem(finite))
-    assert low < 0
-    np.testing.assert_allclose([found["mean"], *found["interval"]], [0.3, 0.0, high])
-    assert found["total"] == 4
-    assert mean_record(np.array([0.2]))["interval"] == [0.0, 0.4]
-    assert mean_record(np.array([np.nan])) is None
-
-
 def test_curves_count_successes_by_distance():
     """Forty problems close to the jump, of which a planner solves a quarter; forty far from it, all solved."""
     distances = np.concatenate([np.full(40, 1e-3), np.full(40, 0.5), [np.inf]])
@@ -75,9 +63,11 @@ def test_curves_count_successes_by_distance():
     assert found["distance_unknown"] == 1
     assert set(found["metrics"]) == {"success_at_plan_end", "success"}
     shares = found["metrics"]["success"]
-    assert shares["snn"] == [Share(10, 40).record(), Share(40, 40).record()]
-    assert shares["sac"] == [Share(0, 40).record(), Share(40, 40).record()]
-    assert found["metrics"]["success_at_plan_end"] == {"snn": [Share(0, 40).record(), Share(40, 40).record()]}
+    assert shares["snn"] == [Proportion(10, 40).to_json(), Proportion(40, 40).to_json()]
+    assert shares["sac"] == [Proportion(0, 40).to_json(), Proportion(40, 40).to_json()]
+    assert found["metrics"]["success_at_plan_end"] == {
+        "snn": [Proportion(0, 40).to_json(), Proportion(40, 40).to_json()]
+    }
 
 
 def test_curves_round_an_obstacle_are_of_violations():
@@ -114,7 +104,7 @@ def test_separations_are_between_the_single_network_and_mixtures():
         "sac": episodes(500, success=many),
     }
     rows = {name: {"judged": judged(PENDULUM, run)} for name, run in rows.items()}
-    assert rows["sac"]["judged"] == {"success": Share(490, 500).record(), "success_at_plan_end": None}
+    assert rows["sac"]["judged"] == {"success": Proportion(490, 500).to_json(), "success_at_plan_end": None}
     assert separations(PENDULUM, rows) == [
         {"metric": "success_at_plan_end", "mixture": "moe-custom", "disjoint": False},
         {"metric": "success", "mixture": "moe-custom", "disjoint": True},

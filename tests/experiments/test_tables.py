@@ -12,12 +12,12 @@ from moe_policy.experiments.tables import (
     share,
     text_table,
 )
-from moe_policy.rollouts.metrics import Share
+from moe_policy.rollouts.intervals import Proportion
 
 ROWS = [
-    {"name": "optimal", "success": Share(1000, 1000), "error": 0.00123},
-    {"name": "a|b", "success": Share(0, 1000), "error": None},
-    {"name": "sac", "success": Share(985, 1000), "error": float("nan")},
+    {"name": "optimal", "success": Proportion(1000, 1000), "error": 0.00123},
+    {"name": "a|b", "success": Proportion(0, 1000), "error": None},
+    {"name": "sac", "success": Proportion(985, 1000), "error": float("nan")},
 ]
 COLUMNS = [Column("name", "policy"), Column("success", "success", share), Column("error", "error", ".2e")]
 
@@ -72,9 +72,9 @@ def test_comparison_figure_is_a_png(tmp_path):
     pytest.importorskip("matplotlib")
     errors = np.random.default_rng(0).lognormal(-4, 1, 200)
     outcomes = [
-        Outcome("optimal", Share(1000, 1000), Share(1000, 1000), errors),
-        Outcome("SAC", Share(950, 1000)),
-        Outcome("wild", Share(3, 1000), Share(1, 1000), np.full(5, np.nan)),
+        Outcome("optimal", Proportion(1000, 1000), Proportion(1000, 1000), errors),
+        Outcome("SAC", Proportion(950, 1000)),
+        Outcome("wild", Proportion(3, 1000), Proportion(1, 1000), np.full(5, np.nan)),
     ]
     path = comparison_figure(tmp_path / "new" / "comparison.png", outcomes, 0.1)
     assert path.read_bytes().startswith(b"\x89PNG")

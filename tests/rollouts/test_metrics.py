@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from moe_policy.rollouts.episodes import Episodes
-from moe_policy.rollouts.metrics import CostRatio, Share, cost_ratio, evaluate, time_planner
+from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.metrics import CostRatio, cost_ratio, evaluate, time_planner
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
 
@@ -30,21 +31,6 @@ def episodes(size=4, **values):
     return Episodes(**{**defaults, **{k: np.asarray(v) for k, v in values.items()}})
 
 
-@pytest.mark.parametrize(("count", "total"), [(0, 10), (7, 10), (998, 1000), (1000, 1000)])
-def test_wilson_interval_is_the_root_of_its_quadratic(count, total):
-    z = 1.959963984540054
-    share = count / total
-    centre = (share + z**2 / (2 * total)) / (1 + z**2 / total)
-    half = z / (1 + z**2 / total) * np.sqrt(share * (1 - share) / total + z**2 / (4 * total**2))
-    np.testing.assert_allclose(Share(count, total).interval, [centre - half, centre + half], atol=1e-12)
-
-
-@pytest.mark.parametrize(("count", "total"), [(-1, 3), (4, 3), (0, 0)])
-def test_impossible_shares_are_refused(count, total):
-    with pytest.raises(ValueError, match="expected"):
-        Share(count, total)
-
-
 def test_figures_of_a_planning_policy():
     run = episodes(
         5,
@@ -56,8 +42,8 @@ def test_figures_of_a_planning_policy():
         rejected=[False, False, True, False, False],
     )
     metrics = evaluate(DOUBLE_INTEGRATOR, run)
-    assert metrics.success == Share(3, 5)
-    assert metrics.success_at_plan_end == Share(3, 5)
+    assert metrics.success == Proportion(3, 5)
+    assert metrics.success_at_plan_end == Proportion(3, 5)
     assert metrics.plan_end_error_median == 0.04
     np.testing.assert_allclose(metrics.plan_end_error_95, 0.3 + 0.8 * 4.7)
     assert (metrics.left_box, metrics.clipped, metrics.rejected) == (1, 1, 1)
