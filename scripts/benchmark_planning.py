@@ -57,7 +57,7 @@ def main() -> None:
     known = reference.load(problem, "validation")
     p, best = known.parameters[: arguments.cases], known.cost[: arguments.cases]
     everyone = shipped(problem)
-    planners = {contestant.name: contestant.planner for contestant in everyone if contestant.planner is not None}
+    planners = {method.name: method.planner for method in everyone if method.planner is not None}
 
     planned = planner_rows({"optimal": optimal_planner(problem), **planners}, known.parameters, BATCHES)
     # On a core of its own a solve that takes a second hangs.

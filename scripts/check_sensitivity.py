@@ -22,10 +22,11 @@ import torch
 
 import ocp_envs
 from moe_policy.control.lqr import TrackingWeights
-from moe_policy.experiments.comparison import COLUMNS, Contestant, run
+from moe_policy.experiments.comparison import COLUMNS, Method, run
 from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
+from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problems.quadcopter import QUADCOPTER, cost_rate
 from ocp_envs.sets.splits import split_of
 from ocp_envs.support.pool import WorkerPool
@@ -67,13 +68,13 @@ def main() -> None:
         print(f"{name}: {databases[name].totals()}", flush=True)
     training, validation = databases["training"].samples(), databases["validation"].samples()
     p, optimal = validation.parameters, validation.trajectory
-    row, baseline = run(SWAPPED, Contestant("optimal", lambda p: optimal), p, weights=weights, batches=())
+    row, baseline = run(SWAPPED, Method("optimal", StoredPlans(p, optimal)), p, weights=weights, batches=())
     rows = [row]
     for name in study.compared:
         with WorkerPool(arguments.workers) as pool:
             planner: Any = recipes.make(name, training, settings=study.settings, executor=pool)
-        contestant = Contestant(name, planner, f"{len(training):,} solutions", planner.details["training"]["seconds"])
-        row, _ = run(SWAPPED, contestant, p, optimal=optimal, baseline=baseline, weights=weights, batches=())
+        method = Method(name, planner, f"{len(training):,} solutions", planner.details["training"]["seconds"])
+        row, _ = run(SWAPPED, method, p, optimal=optimal, baseline=baseline, weights=weights, batches=())
         rows.append(row)
         print(f"{name}: {row['success']['count']} of {len(p)}", flush=True)
     record = {"env_id": SWAPPED.id, "cases": len(p), "rows": rows, "provenance": provenance()}

@@ -17,11 +17,12 @@ from tqdm import tqdm
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments.comparison import COLUMNS, Contestant, run
+from moe_policy.experiments.comparison import COLUMNS, Method, run
 from moe_policy.experiments.figures.space import margins_figure
 from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.margin import WithMargin
+from moe_policy.planners.stored import StoredPlans
 from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -41,13 +42,13 @@ def main() -> None:
     problem = ocp_envs.load(arguments.env)
     samples = ocp_envs.Database.open(arguments.data / problem.id / "development.zarr", problem).samples()
     samples = samples[: arguments.cases]
-    optimal = Contestant("optimal", lambda p: samples.trajectory)
+    optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     row, baseline = run(problem, optimal, samples.parameters, batches=())
     rows = [{"margin": None} | row]
     planners = [moe_policy.load(problem.id, name) for name in study_of(problem).compared]
     for planner, margin in tqdm([(p, m) for p in planners for m in MARGINS], unit="run", disable=None):
-        contestant = Contestant(planner.name, WithMargin(problem, planner, arguments.parameter, margin))
-        row, _ = run(problem, contestant, samples.parameters, baseline=baseline, batches=())
+        method = Method(planner.name, WithMargin(problem, planner, arguments.parameter, margin))
+        row, _ = run(problem, method, samples.parameters, baseline=baseline, batches=())
         rows.append({"margin": margin} | row)
     record = {"env_id": problem.id, "split": "development", "parameter": arguments.parameter, "cases": len(samples)}
     write_json(arguments.results / f"margin_{problem.id}.json", record | {"rows": rows, "provenance": provenance()})

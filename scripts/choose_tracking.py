@@ -20,9 +20,10 @@ from tqdm import tqdm
 import moe_policy
 import ocp_envs
 from moe_policy.control.lqr import TrackingWeights
-from moe_policy.experiments.comparison import COLUMNS, Contestant, run
+from moe_policy.experiments.comparison import COLUMNS, Method, run
 from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import Column, text_table
+from moe_policy.planners.stored import StoredPlans
 from moe_policy.store import load_file
 from ocp_envs.support.provenance import provenance, write_json
 
@@ -48,14 +49,14 @@ def main() -> None:
         planners = [load_file(path, problem) for path in arguments.planners]
     else:
         planners = [moe_policy.load(problem.id, name) for name in study_of(problem).compared]
+    optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     rows = []
     grid = list(itertools.product(CONTROL, TERMINAL, ROOM))
     for control, terminal, room in tqdm(grid, unit="weights", disable=None):
         weights = TrackingWeights.uniform(problem, 1.0, control, terminal, room)
         baseline = None
-        for name, planner in [("optimal", lambda p: samples.trajectory), *((p.name, p) for p in planners)]:
-            contestant = Contestant(name, planner)
-            row, episodes = run(problem, contestant, samples.parameters, baseline=baseline, weights=weights, batches=())
+        for method in [optimal, *(Method(planner.name, planner) for planner in planners)]:
+            row, episodes = run(problem, method, samples.parameters, baseline=baseline, weights=weights, batches=())
             baseline = baseline or episodes
             rows.append({"control": control, "terminal": terminal, "room": room} | row)
     record = {"env_id": problem.id, "split": "development", "cases": len(samples), "rows": rows}

@@ -31,7 +31,7 @@ from moe_policy.experiments.budgets import (
     generation_record,
     planner_rows,
 )
-from moe_policy.experiments.comparison import Contestant, environments
+from moe_policy.experiments.comparison import Method, environments
 from moe_policy.experiments.curves import learner_record, learner_runs
 from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.experiments.methods import solve_all
@@ -47,14 +47,12 @@ ROOT = Path(__file__).resolve().parents[1]
 DT = 0.02
 
 
-def on_development(
-    problem: OptimalControlProblem, contestant: Contestant, cases: reference.Reference
-) -> dict[str, Any]:
+def on_development(problem: OptimalControlProblem, method: Method, cases: reference.Reference) -> dict[str, Any]:
     """What an evaluation of a learner says, of anybody: planners are judged as such, and charged as learners are."""
     envs = environments(problem, len(cases), DT)
-    policy = contestant.policy(problem, DT)
+    policy = method.policy(problem, DT)
     figures = figures_of(problem, rollout(envs, policy, cases.parameters), cases.cost)
-    if contestant.planner is not None:
+    if method.planner is not None:
         figures["mean_return"] = figures_of(problem, rollout(envs, Untimed(policy), cases.parameters))["mean_return"]
     envs.close()
     return figures | {"success": figures["success"] / len(cases)}
@@ -69,7 +67,7 @@ def chosen_actor(
     policy = store.load(problem.id, name)
     steps = policy.details["steps"]
     curve = dict(zip(run["curves"][0]["steps"], run["curves"][0]["seconds"]))
-    development = on_development(problem, Contestant(name, policy), cases)
+    development = on_development(problem, Method(name, policy), cases)
     return {"steps": steps, "seconds": curve.get(steps), "development": development}
 
 
@@ -84,7 +82,7 @@ def shipped_rows(problem: OptimalControlProblem, generation: Any, cases: referen
         budget = None
         if generation is not None:
             budget = PlannerBudget.of(problem, generation, samples, [seconds]).record()
-        development = on_development(problem, Contestant(name, planner), cases)
+        development = on_development(problem, Method(name, planner), cases)
         rows.append({"name": name, "samples": samples, "budget": budget, "development": development})
     return rows
 
@@ -113,10 +111,10 @@ def main() -> None:
     for name, run in learners.items():
         run["chosen"] = chosen_actor(problem, name, run, cases)
     trajectories, costs = solve_all(problem, cases.parameters, keep=ROOT / "data" / "optimal" / problem.id)
-    solved = np.isfinite(costs)  # a level is no contestant: what was not solved has no optimum to follow
+    solved = np.isfinite(costs)  # a level is no method: what was not solved has no optimum to follow
     followed = trajectories[solved]
     known_optima = reference.Reference(cases.parameters[solved], cases.mode_costs[solved])
-    optimal = on_development(problem, Contestant("optimal", lambda p: followed), known_optima)
+    optimal = on_development(problem, Method("optimal", lambda p: followed), known_optima)
     record: dict[str, Any] = {
         "env_id": problem.id,
         "given": GIVEN,

@@ -19,12 +19,13 @@ import torch
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments.comparison import COLUMNS, Contestant, outcome, run
+from moe_policy.experiments.comparison import COLUMNS, Method, outcome, run
 from moe_policy.experiments.methods import optimal_planner, shipped, solutions, solve_all, stabiliser, steps, variants
 from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import comparison_figure, text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.planners.stored import StoredPlans
 from moe_policy.rl import training as baselines
 from moe_policy.rollouts.metrics import time_planner
 from ocp_envs.problem import OptimalControlProblem
@@ -40,7 +41,7 @@ def log(text: str) -> None:
     print(text, flush=True)
 
 
-def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[NearestPlanner, list[Contestant], Any]:
+def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[NearestPlanner, list[Method], Any]:
     """Everything made anew: data, planners and, where the study has a short budget, a reinforcement learner."""
     study, databases = study_of(problem), {}
     for name in splits_of(problem):
@@ -55,20 +56,20 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
         log(f"{name} set: {len(databases[name])} problems, {time.perf_counter() - began:.0f} s")
     samples = databases["training"].samples(databases["training"].first(study.problems))
     nearest = NearestPlanner(samples)
-    contestants = [Contestant("nearest", nearest, solutions(len(samples)))]
+    methods = [Method("nearest", nearest, solutions(len(samples)))]
     for name in study.compared:
         with WorkerPool() as pool:
             planner: Any = recipes.make(name, samples, settings=study.settings, seed=seed, executor=pool)
         planner.save(folder / name)
         seconds = planner.details["training"]["seconds"]
         log(f"{name}: trained in {seconds:.0f} s")
-        contestants.append(Contestant(name, planner, solutions(len(samples)), seconds))
+        methods.append(Method(name, planner, solutions(len(samples)), seconds))
     for name, settings in study.short_learners.items():
         result = baselines.train(problem, settings, databases["development"].parameters)
         result.policy.save(folder / name)
         log(f"{name}: {settings.steps:,} steps in {result.curve[-1].seconds:.0f} s")
-        contestants.append(Contestant(name, result.policy, steps(settings.steps), result.curve[-1].seconds))
-    return nearest, contestants, databases["validation"]
+        methods.append(Method(name, result.policy, steps(settings.steps), result.curve[-1].seconds))
+    return nearest, methods, databases["validation"]
 
 
 def main() -> None:
@@ -84,10 +85,10 @@ def main() -> None:
     began = time.perf_counter()
     problem = ocp_envs.load(arguments.env)
     if arguments.train:
-        nearest, contestants, validation = trained(problem, ROOT / "data" / "compare" / problem.id, arguments.seed)
+        nearest, methods, validation = trained(problem, ROOT / "data" / "compare" / problem.id, arguments.seed)
         parameters, costs = validation.parameters, validation.costs().min(axis=1)
     else:
-        contestants = shipped(problem, ROOT / "results")
+        methods = shipped(problem, ROOT / "results")
         for name in study_of(problem).learners:
             if name not in moe_policy.available(problem.id):
                 log(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
@@ -107,14 +108,14 @@ def main() -> None:
     same = int((gap < 1e-3).sum())
     log(f"optimal trajectories: {np.isfinite(found).sum()} solved; {same} at the reference cost within 0.1 %")
     # What was solved is followed, not solved again.
-    row, baseline = run(problem, Contestant("optimal", lambda p: trajectories), parameters, batches=())
+    row, baseline = run(problem, Method("optimal", StoredPlans(parameters, trajectories)), parameters, batches=())
     row["planning_seconds"] = planning
     rows, outcomes = [row], [outcome("optimal", baseline, problem)]
-    for contestant in [*contestants, *variants(problem, contestants), *stabiliser(problem)]:
-        row, episodes = run(problem, contestant, parameters, optimal=trajectories, baseline=baseline)
+    for method in [*methods, *variants(problem, methods), *stabiliser(problem)]:
+        row, episodes = run(problem, method, parameters, optimal=trajectories, baseline=baseline)
         rows.append(row)
-        outcomes.append(outcome(contestant.name, episodes, problem))
-        log(f"{contestant.name}: {row['success']['count']} of {len(parameters)}")
+        outcomes.append(outcome(method.name, episodes, problem))
+        log(f"{method.name}: {row['success']['count']} of {len(parameters)}")
 
     name = f"compare_trained_{problem.id}" if arguments.train else f"compare_{problem.id}"
     record = {

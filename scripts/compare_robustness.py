@@ -31,11 +31,12 @@ from tqdm import tqdm
 import ocp_envs
 from moe_policy import store
 from moe_policy.control.lqr import TrackingWeights
-from moe_policy.experiments.comparison import Contestant
+from moe_policy.experiments.comparison import Method
 from moe_policy.experiments.figures.robustness import robustness_figure
 from moe_policy.experiments.methods import shipped, solve_all, stabiliser
 from moe_policy.experiments.robustness import Perturbation, level_key, perturbations_of, run_level
 from moe_policy.experiments.tables import Column, text_table
+from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.support.arrays import Array
@@ -50,7 +51,7 @@ LEAST = 1000
 
 
 @lru_cache(maxsize=1)
-def contestants(problem: OptimalControlProblem) -> list[Contestant]:
+def methods(problem: OptimalControlProblem) -> list[Method]:
     """Everybody but the optimum."""
     return [*shipped(problem), *stabiliser(problem)]
 
@@ -60,9 +61,9 @@ def identity(problem: OptimalControlProblem, starts: Array, optimal: Array, seed
     sha = hashlib.sha256()
     weights = {key: str(value) for key, value in asdict(TrackingWeights.default(problem)).items()}
     sha.update(json.dumps([problem.fingerprint, seed, DT, weights, provenance().versions]).encode())
-    for contestant in contestants(problem):
-        sha.update(contestant.name.encode())
-        description = store.SHIPPED / problem.id / f"{contestant.name}.json"  # carries the hash of the tensors
+    for method in methods(problem):
+        sha.update(method.name.encode())
+        description = store.SHIPPED / problem.id / f"{method.name}.json"  # carries the hash of the tensors
         sha.update(description.read_bytes() if description.exists() else b"")
     for array in (starts, optimal):
         sha.update(np.ascontiguousarray(array).tobytes())
@@ -75,13 +76,13 @@ def work(env_id: str, starts: Array, flat: Array, arguments: Mapping[str, Any], 
     began = time.process_time()
     problem = ocp_envs.load(env_id)
     optimal = Trajectory.from_flat(flat, problem.knots, problem.system.nx, problem.system.nu)
-    everyone = [Contestant("optimal", lambda p: optimal), *contestants(problem)]
+    everyone = [Method("optimal", StoredPlans(starts, optimal)), *methods(problem)]
     rows = run_level(problem, everyone, starts, arguments, seed=seed, dt=DT)
     write_json(path, {"arguments": arguments, "rows": rows, "cpu_seconds": time.process_time() - began})
 
 
 def tables(rows: Sequence[Mapping[str, Any]], perturbations: Sequence[Perturbation]) -> str:
-    """Successes of each contestant by level, one table for each perturbation."""
+    """Successes of each method by level, one table for each perturbation."""
     parts = []
     for perturbation in perturbations:
         shown = [row for row in rows if row["perturbation"] == perturbation.name]

@@ -21,11 +21,12 @@ import numpy as np
 import torch
 
 import ocp_envs
-from moe_policy.experiments.comparison import Contestant, run
+from moe_policy.experiments.comparison import Method, run
 from moe_policy.experiments.figures.splits import splits_figure
 from moe_policy.experiments.methods import shipped, solve_all, stabiliser
 from moe_policy.experiments.splits import BINNED, SPLIT_COLUMNS, SPLITS, curves, judged, separations
 from moe_policy.experiments.tables import text_table
+from moe_policy.planners.stored import StoredPlans
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
@@ -42,9 +43,9 @@ def log(text: str) -> None:
 
 
 def compare(
-    problem: OptimalControlProblem, contestants: list[Contestant], split: str, cases: reference.Reference
+    problem: OptimalControlProblem, methods: list[Method], split: str, cases: reference.Reference
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]], dict[str, Episodes]]:
-    """All contestants on one split: what was compared, and by contestant the row and the episodes."""
+    """All methods on one split: what was compared, and by method the row and the episodes."""
     trajectories, found = solve_all(problem, cases.parameters, keep=ROOT / "data" / "optimal" / problem.id)
     solved = np.isfinite(found)
     gap = found[solved] / cases.cost[solved] - 1
@@ -58,13 +59,13 @@ def compare(
         },
     }
     # What was solved is followed, not solved again.
-    optimal = Contestant("optimal", lambda p: trajectories)
+    optimal = Method("optimal", StoredPlans(cases.parameters, trajectories))
     rows: dict[str, dict[str, Any]] = {}
     episodes: dict[str, Episodes] = {}
-    for contestant in [optimal, *contestants]:
-        row, made = run(problem, contestant, cases.parameters, baseline=episodes.get("optimal"), batches=())
-        rows[contestant.name], episodes[contestant.name] = row | {"judged": judged(problem, made)}, made
-        log(f"{split}, {contestant.name}: {row['success']['count']} of {len(cases)}")
+    for method in [optimal, *methods]:
+        row, made = run(problem, method, cases.parameters, baseline=episodes.get("optimal"), batches=())
+        rows[method.name], episodes[method.name] = row | {"judged": judged(problem, made)}, made
+        log(f"{split}, {method.name}: {row['success']['count']} of {len(cases)}")
     return about, rows, episodes
 
 
@@ -79,7 +80,7 @@ def main() -> None:
     torch.set_num_threads(1)  # the networks are far too small for more
     began = time.perf_counter()
     problem = ocp_envs.load(arguments.env)
-    contestants = [*shipped(problem, ROOT / "results"), *stabiliser(problem)]
+    methods = [*shipped(problem, ROOT / "results"), *stabiliser(problem)]
     there = {"validation", *hard_sets_of(problem)}
     chosen = {split: SPLITS[split] for split in arguments.splits if SPLITS[split] in there}
     if not chosen:
@@ -90,12 +91,12 @@ def main() -> None:
     episodes: list[dict[str, Episodes]] = []
     for split, name in chosen.items():
         cases = reference.load(problem, name)[: arguments.cases]
-        splits[split], rows[split], made = compare(problem, contestants, split, cases)
+        splits[split], rows[split], made = compare(problem, methods, split, cases)
         if split in BINNED:
             distances.append(distance_to_jump(problem, cases.parameters, cases.mode_costs))
             episodes.append(made)
 
-    names = ["optimal", *(contestant.name for contestant in contestants)]
+    names = ["optimal", *(method.name for method in methods)]
     joined = {name: Episodes.concatenate([made[name] for made in episodes]) for name in names} if episodes else {}
     table = [{"name": name, **{split: rows[split][name] for split in rows}} for name in names]
     record = {

@@ -61,7 +61,7 @@ def read_search(path: Path) -> list[dict[str, Any]]:
 def judge(problem: OptimalControlProblem, run: TrainingRun) -> dict[str, Any]:
     """The chosen policy on the validation set."""
     parameters = reference.load(problem, "validation").parameters
-    row, _ = comparison.run(problem, comparison.Contestant("learner", run.policy), parameters, batches=())
+    row, _ = comparison.run(problem, comparison.Method("learner", run.policy), parameters, batches=())
     return {key: row[key] for key in ("reached", "success", "left_box")}
 
 

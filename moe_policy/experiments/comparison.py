@@ -24,9 +24,12 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
+#: Episodes that run at once; a plan's gains, references and metrics for 10,000 episodes do not fit into memory.
+BATCH = 500
+
 
 @dataclass(frozen=True, eq=False)
-class Contestant:
+class Method:
     """Somebody who takes part.
 
     Args:
@@ -58,7 +61,7 @@ class Contestant:
 
 def run(
     problem: OptimalControlProblem,
-    contestant: Contestant,
+    method: Method,
     starts: Array,
     *,
     optimal: Trajectory | None = None,
@@ -67,14 +70,14 @@ def run(
     weights: TrackingWeights | None = None,
     batches: tuple[int, ...] = (1, 1000),
 ) -> tuple[dict[str, Any], Episodes]:
-    """Roll ``contestant`` out from ``starts`` and describe how it did.
+    """Roll ``method`` out from ``starts`` and describe how it did.
 
     Args:
         problem: the problem.
-        contestant: who acts.
+        method: who acts.
         starts: parameters of the episodes, (B, np).
         optimal: the optimal trajectories from them, for the prediction error of networks.
-        baseline: the episodes costs are compared with; a contestant's own where not given.
+        baseline: the episodes costs are compared with; a method's own where not given.
         dt: control period, seconds.
         weights: of tracking and hold; the problem's own where not given.
         batches: sizes of the batches whose planning is timed.
@@ -82,16 +85,16 @@ def run(
     Returns:
         the row as a JSON record, and the episodes.
     """
-    envs = environments(problem, len(starts), dt)
-    episodes = rollout(envs, contestant.policy(problem, dt, weights), starts)
+    envs = environments(problem, min(len(starts), BATCH), dt)
+    episodes = rollout(envs, method.policy(problem, dt, weights), starts)
     envs.close()
-    planner = contestant.planner
-    row: dict[str, Any] = {"name": contestant.name, "data": contestant.data, "training_seconds": contestant.seconds}
+    planner = method.planner
+    row: dict[str, Any] = {"name": method.name, "data": method.data, "training_seconds": method.seconds}
     row |= evaluate(problem, episodes, episodes if baseline is None else baseline).record()
     if planner is not None:
         row["planning_seconds"] = {str(k): v for k, v in time_planner(planner, starts, batches).items()}
     for size in ("parameters_total", "parameters_active"):
-        row[size] = getattr(contestant.actor, size, None)
+        row[size] = getattr(method.actor, size, None)
     if isinstance(planner, NetworkPlanner):
         row["test_error"] = planner.details["training"]["test_error"]
         row["validation_error"] = None

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from moe_policy.control.tracking import TrackingPolicy
-from moe_policy.experiments.comparison import Contestant
+from moe_policy.experiments.comparison import Method
 from moe_policy.experiments.tables import ABSENT, Column, duration
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import environments
@@ -148,22 +148,22 @@ def solver_rows(
 
 
 def step_rows(
-    problem: OptimalControlProblem, contestants: Sequence[Contestant], p: Array, dt: float = 0.02, ticks: int = 50
+    problem: OptimalControlProblem, methods: Sequence[Method], p: Array, dt: float = 0.02, ticks: int = 50
 ) -> list[dict[str, Any]]:
     """Seconds of a control step of one environment, and of what a planner does before the first one.
 
     Args:
         problem: the problem.
-        contestants: who acts.
+        methods: who acts.
         p: starts, (B, np), B ≥ 2, an episode each; the first one warms up.
         dt: control period, seconds.
         ticks: of an episode.
 
     Returns:
-        medians for each contestant: a plan and the setting up of the regulators along it, ``None`` where nothing is
+        medians for each method: a plan and the setting up of the regulators along it, ``None`` where nothing is
         planned; a step after that, and its share of the control period.
     """
-    policies = {contestant.name: contestant.policy(problem, dt) for contestant in contestants}
+    policies = {method.name: method.policy(problem, dt) for method in methods}
     taken: dict[str, dict[str, list[float]]] = {name: {"plan": [], "regulators": [], "step": []} for name in policies}
     envs = environments(problem, 1, dt)
     for number, row in enumerate(p):

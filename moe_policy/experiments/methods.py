@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from moe_policy import store
 from moe_policy.control.tracking import Stabiliser
-from moe_policy.experiments.comparison import Contestant
+from moe_policy.experiments.comparison import Method
 from moe_policy.experiments.studies import study_of
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
@@ -43,7 +43,7 @@ def steps(count: int) -> str:
     return f"{count:,} steps"
 
 
-def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list[Contestant]:
+def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list[Method]:
     """The models of the package that the problem's study compares: nearest neighbour, networks, learners.
 
     Args:
@@ -52,15 +52,15 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
             policies themselves tell their steps.
     """
     study, there = study_of(problem), store.available(problem.id)
-    contestants = []
+    methods = []
     if "nearest" in there:
         nearest = store.load(problem.id, "nearest")
-        contestants.append(Contestant("nearest", nearest, solutions(len(nearest.parameters))))
+        methods.append(Method("nearest", nearest, solutions(len(nearest.parameters))))
     for name in study.compared:
         if name in there:
             planner = store.load(problem.id, name)
             record = planner.details
-            contestants.append(Contestant(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
+            methods.append(Method(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
     for name in study.learners:
         if name in there:
             policy = store.load(problem.id, name)
@@ -68,28 +68,28 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
             record_path = None if results is None else results / f"training_{name}_{problem.id}.json"
             if record_path is not None and record_path.exists():
                 training = json.loads(record_path.read_text())
-            contestants.append(Contestant(name, policy, steps(training["steps"]), training["seconds"]))
-    return contestants
+            methods.append(Method(name, policy, steps(training["steps"]), training["seconds"]))
+    return methods
 
 
-def variants(problem: OptimalControlProblem, contestants: Sequence[Contestant]) -> list[Contestant]:
-    """The networks among ``contestants`` once more, used with more care; none where the problem offers nothing.
+def variants(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[Method]:
+    """The networks among ``methods`` once more, used with more care; none where the problem offers nothing.
 
     Averaged over the problem's symmetry (:class:`Symmetrised`), and keeping the margin of its study
     (:class:`WithMargin`).
     """
-    networks = [(c, c.actor) for c in contestants if isinstance(c.actor, NetworkPlanner)]
-    careful: list[tuple[Contestant, Symmetrised | WithMargin]] = []
+    networks = [(c, c.actor) for c in methods if isinstance(c.actor, NetworkPlanner)]
+    careful: list[tuple[Method, Symmetrised | WithMargin]] = []
     if problem.symmetry is not None:
-        careful += [(contestant, Symmetrised(problem, planner)) for contestant, planner in networks]
+        careful += [(method, Symmetrised(problem, planner)) for method, planner in networks]
     if (margin := study_of(problem).margin) is not None:
-        careful += [(contestant, WithMargin(problem, planner, *margin)) for contestant, planner in networks]
-    return [replace(contestant, name=planner.name, actor=planner) for contestant, planner in careful]
+        careful += [(method, WithMargin(problem, planner, *margin)) for method, planner in networks]
+    return [replace(method, name=planner.name, actor=planner) for method, planner in careful]
 
 
-def stabiliser(problem: OptimalControlProblem) -> list[Contestant]:
+def stabiliser(problem: OptimalControlProblem) -> list[Method]:
     """The hold without a plan, where the goal can be held."""
-    return [Contestant("stabiliser", Stabiliser(problem))] if problem.hold else []
+    return [Method("stabiliser", Stabiliser(problem))] if problem.hold else []
 
 
 def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | None = None) -> SolverPlanner:

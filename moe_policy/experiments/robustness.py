@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from moe_policy.experiments.comparison import Contestant
+from moe_policy.experiments.comparison import Method
 from moe_policy.rollouts.metrics import evaluate
 from moe_policy.rollouts.rollout import environments, rollout
 from ocp_envs.problem import OptimalControlProblem
@@ -165,7 +165,7 @@ def level_key(identity: str, arguments: Mapping[str, Any]) -> str:
     """A short name for what a level's figures depend on.
 
     Args:
-        identity: names all but the plant: problem, contestants, starts, seed and control period.
+        identity: names all but the plant: problem, methods, starts, seed and control period.
         arguments: of the environment. The nominal plants of all perturbations are one level.
     """
     told = json.dumps([identity, arguments], sort_keys=True, default=lambda values: values.tolist())
@@ -174,18 +174,18 @@ def level_key(identity: str, arguments: Mapping[str, Any]) -> str:
 
 def run_level(
     problem: OptimalControlProblem,
-    contestants: Sequence[Contestant],
+    methods: Sequence[Method],
     starts: Array,
     arguments: Mapping[str, Any],
     *,
     seed: int = 0,
     dt: float = 0.02,
 ) -> list[dict[str, Any]]:
-    """How each contestant does from ``starts`` (B, np) on one plant: its name and :data:`FIGURES`, a record each.
+    """How each method does from ``starts`` (B, np) on one plant: its name and :data:`FIGURES`, a record each.
 
     Args:
         problem: the nominal problem, which planners plan for.
-        contestants: who acts; names must differ.
+        methods: who acts; names must differ.
         starts: parameters of the episodes.
         arguments: of :meth:`Perturbation.arguments`.
         seed: of noise and disturbances. They are drawn for each episode by itself, so that the same episode meets the
@@ -193,10 +193,10 @@ def run_level(
         dt: control period, seconds.
     """
     rows = []
-    for contestant in contestants:
+    for method in methods:
         envs = environments(problem, len(starts), dt, **arguments)
         envs.reset(seed=seed)  # rollout itself does not seed
-        metrics = evaluate(problem, rollout(envs, contestant.policy(problem, dt), starts)).record()
+        metrics = evaluate(problem, rollout(envs, method.policy(problem, dt), starts)).record()
         envs.close()
-        rows.append({"name": contestant.name} | {key: metrics[key] for key in FIGURES})
+        rows.append({"name": method.name} | {key: metrics[key] for key in FIGURES})
     return rows

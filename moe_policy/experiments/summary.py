@@ -45,8 +45,8 @@ def training_record(planner: NetworkPlanner) -> Record:
 def model_record(planner: NetworkPlanner, validation: Samples) -> Record:
     """:func:`training_record`, and what the network does on solved validation problems."""
     problem = planner.problem
-    contestant = comparison.Contestant(planner.name, planner)
-    row, _ = comparison.run(problem, contestant, validation.parameters, optimal=validation.trajectory, batches=())
+    method = comparison.Method(planner.name, planner)
+    row, _ = comparison.run(problem, method, validation.parameters, optimal=validation.trajectory, batches=())
     return training_record(planner) | {
         "success": row["success"]["count"],
         "success_at_plan_end": row["success_at_plan_end"]["count"],

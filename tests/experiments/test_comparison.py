@@ -7,11 +7,12 @@ import pytest
 
 from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
 from moe_policy.experiments import comparison
-from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, Contestant
+from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, Method
 from moe_policy.experiments.tables import ABSENT, markdown_table
 from moe_policy.learning import recipes
 from moe_policy.learning.fitting import TrainingSettings
 from moe_policy.learning.training import validation_error
+from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.sets.sampling import sample
@@ -41,7 +42,7 @@ def solved():
 @pytest.fixture(scope="module")
 def baseline(solved):
     p, plan, _ = solved
-    return comparison.run(PENDULUM, Contestant("optimal", lambda _: plan), p, batches=())
+    return comparison.run(PENDULUM, Method("optimal", StoredPlans(p, plan)), p, batches=())
 
 
 @pytest.fixture(scope="module")
@@ -50,17 +51,17 @@ def network():
 
 
 def test_everybody_becomes_a_policy(solved):
-    _, plan, _ = solved
-    planning = Contestant("plans", lambda p: plan)
+    p, plan, _ = solved
+    planning = Method("plans", StoredPlans(p, plan))
     assert isinstance(planning.policy(PENDULUM, 0.02), TrackingPolicy)
     assert planning.planner is planning.actor
-    acting = Contestant("acts", Zero())
+    acting = Method("acts", Zero())
     assert acting.planner is None
     assert isinstance(acting.policy(PENDULUM, 0.02), Stabilised)
     # The vehicle cannot hold its goal, and the stabiliser holds it from the start.
     assert acting.policy(VEHICLE, 0.02) is acting.actor
     stabiliser = Stabiliser(PENDULUM)
-    assert Contestant("stabiliser", stabiliser).policy(PENDULUM, 0.02) is stabiliser
+    assert Method("stabiliser", stabiliser).policy(PENDULUM, 0.02) is stabiliser
 
 
 def test_solved_plans_succeed_at_their_own_cost(solved, baseline):
@@ -74,10 +75,19 @@ def test_solved_plans_succeed_at_their_own_cost(solved, baseline):
     assert (episodes.cost > 0.8 * cost).all()
 
 
+def test_batches_do_not_change_the_row(solved, baseline, monkeypatch):
+    p, plan, _ = solved
+    monkeypatch.setattr(comparison, "BATCH", 2)
+    row, episodes = comparison.run(PENDULUM, Method("optimal", StoredPlans(p, plan)), p, batches=())
+    assert len(p) > 4
+    assert row == baseline[0]
+    np.testing.assert_array_equal(episodes.plan_end_error, baseline[1].plan_end_error)
+
+
 def test_rows_of_networks_have_every_column(solved, baseline, network):
     p, plan, _ = solved
-    contestant = Contestant("snn", network, "100 solutions", 1.5)
-    row, _ = comparison.run(PENDULUM, contestant, p, optimal=plan, baseline=baseline[1], batches=(1, 3))
+    method = Method("snn", network, "100 solutions", 1.5)
+    row, _ = comparison.run(PENDULUM, method, p, optimal=plan, baseline=baseline[1], batches=(1, 3))
     assert {column.key for column in COLUMNS} <= set(row)
     assert row == json.loads(json.dumps(row))
     assert set(row["planning_seconds"]) == {"1", "3"}
@@ -91,7 +101,7 @@ def test_rows_of_networks_have_every_column(solved, baseline, network):
 
 def test_what_a_policy_without_a_plan_has_not_is_a_dash(solved, baseline):
     p, _, _ = solved
-    row, episodes = comparison.run(PENDULUM, Contestant("zero", Zero()), p, baseline=baseline[1])
+    row, episodes = comparison.run(PENDULUM, Method("zero", Zero()), p, baseline=baseline[1])
     absent = {"success_at_plan_end", "plan_end_error_median", "parameters_total", "parameters_active", "data"}
     assert all(row[key] is None for key in absent)
     assert "planning_seconds" not in row

@@ -11,7 +11,7 @@ import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments.comparison import Contestant
+from moe_policy.experiments.comparison import Method
 from moe_policy.experiments.latency import cold, planner_rows, solver_rows, step_rows, warm
 from moe_policy.experiments.studies import study_of
 from ocp_envs.problems.pendulum import PENDULUM
@@ -123,7 +123,7 @@ def test_steps_of_planners_and_of_policies_are_timed():
         time.sleep(0.02)
         return moe_policy.load(PENDULUM.id, "moe-custom")(p)
 
-    everyone = [Contestant("moe", planner), Contestant("stabiliser", moe_policy.Stabiliser(PENDULUM))]
+    everyone = [Method("moe", planner), Method("stabiliser", moe_policy.Stabiliser(PENDULUM))]
     moe, stabiliser = step_rows(PENDULUM, everyone, P, ticks=5)
     assert (moe["name"], stabiliser["name"]) == ("moe", "stabiliser")
     assert moe["plan_seconds"] >= 0.02

@@ -5,7 +5,7 @@ import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments import methods as contestants
+from moe_policy.experiments import methods
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.symmetric import Symmetrised
 from ocp_envs.problems.pendulum import PENDULUM
@@ -13,25 +13,25 @@ from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 
 
 def test_the_shipped_ones_come_in_the_studys_order():
-    names = [contestant.name for contestant in contestants.shipped(PENDULUM)]
+    names = [method.name for method in methods.shipped(PENDULUM)]
     assert names[:4] == ["nearest", "snn", "moe-custom", "moe-kmeans-4"]
     assert "sac" in names
-    assert all(contestant.data for contestant in contestants.shipped(PENDULUM))
+    assert all(method.data for method in methods.shipped(PENDULUM))
 
 
 def test_only_goals_that_can_be_held_have_a_stabiliser():
-    assert [c.name for c in contestants.stabiliser(PENDULUM)] == ["stabiliser"]
-    assert contestants.stabiliser(ocp_envs.load("GroundVehicle-v0")) == []
+    assert [c.name for c in methods.stabiliser(PENDULUM)] == ["stabiliser"]
+    assert methods.stabiliser(ocp_envs.load("GroundVehicle-v0")) == []
 
 
 def test_networks_once_more_used_with_care():
-    shipped = contestants.shipped(QUADCOPTER_OBSTACLE)
-    careful = contestants.variants(QUADCOPTER_OBSTACLE, shipped)
+    shipped = methods.shipped(QUADCOPTER_OBSTACLE)
+    careful = methods.variants(QUADCOPTER_OBSTACLE, shipped)
     networks = [c.name for c in shipped if c.name == "snn" or c.name.startswith("moe-")]
     ways = {"half turn": Symmetrised, "radius + 0.1": WithMargin}
     assert [c.name for c in careful] == [f"{name}, {way}" for way in ways for name in networks]
     assert all(isinstance(c.actor, ways[c.name.split(", ")[1]]) for c in careful)
-    assert contestants.variants(PENDULUM, contestants.shipped(PENDULUM)) == []
+    assert methods.variants(PENDULUM, methods.shipped(PENDULUM)) == []
 
 
 @pytest.fixture
@@ -44,29 +44,29 @@ def counted(monkeypatch):
             calls.append(len(p))
             return moe_policy.load(PENDULUM.id, "nearest")(p), p[:, 0] + 1
 
-    monkeypatch.setattr(contestants, "optimal_planner", lambda problem, nearest: Solver())
+    monkeypatch.setattr(methods, "optimal_planner", lambda problem, nearest: Solver())
     return calls
 
 
 def test_kept_optima_are_not_solved_again(counted, monkeypatch, tmp_path):
-    monkeypatch.setattr(contestants, "SHARE", 4)
+    monkeypatch.setattr(methods, "SHARE", 4)
     p = ocp_envs.sample(PENDULUM, 0, 10)
-    plans, costs = contestants.solve_all(PENDULUM, p, keep=tmp_path)
+    plans, costs = methods.solve_all(PENDULUM, p, keep=tmp_path)
     assert sorted(counted) == [2, 4, 4]
-    again, same = contestants.solve_all(PENDULUM, p, keep=tmp_path)
+    again, same = methods.solve_all(PENDULUM, p, keep=tmp_path)
     assert len(counted) == 3
     np.testing.assert_array_equal(again.flat(), plans.flat())
     np.testing.assert_array_equal(same, costs)
-    contestants.solve_all(PENDULUM, p + 1e-9, keep=tmp_path)  # other parameters
+    methods.solve_all(PENDULUM, p + 1e-9, keep=tmp_path)  # other parameters
     assert len(counted) == 6
 
 
 def test_damaged_files_are_solved_again(counted, tmp_path):
     p = ocp_envs.sample(PENDULUM, 0, 3)
-    contestants.solve_all(PENDULUM, p, keep=tmp_path)
+    methods.solve_all(PENDULUM, p, keep=tmp_path)
     (file,) = tmp_path.glob("*.npz")
     file.write_bytes(file.read_bytes()[:100])
-    contestants.solve_all(PENDULUM, p, keep=tmp_path)
-    contestants.solve_all(PENDULUM, p)  # keeps nothing
+    methods.solve_all(PENDULUM, p, keep=tmp_path)
+    methods.solve_all(PENDULUM, p)  # keeps nothing
     assert len(counted) == 3
     assert len(list(tmp_path.iterdir())) == 1

@@ -12,7 +12,7 @@ import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments.comparison import Contestant, run
+from moe_policy.experiments.comparison import Method, run
 from moe_policy.experiments.figures.robustness import draw_curves, robustness_figure
 from moe_policy.experiments.robustness import (
     FIGURES,
@@ -40,7 +40,7 @@ def of(problem, name):
 
 @pytest.fixture(scope="module")
 def stabiliser():
-    return [Contestant("stabiliser", moe_policy.Stabiliser(PENDULUM))]
+    return [Method("stabiliser", moe_policy.Stabiliser(PENDULUM))]
 
 
 # -- what the environment is told --------------------------------------------------------------------------------------
@@ -196,12 +196,12 @@ def test_equal_plants_are_one_level():
 # -- the figure --------------------------------------------------------------------------------------------------------
 
 
-def rows_of(problem, contestants, starts, perturbations):
+def rows_of(problem, methods, starts, perturbations):
     return [
         {"perturbation": p.name, "level": level} | row
         for p in perturbations
         for level in (p.levels[0], 0.0, p.levels[-1])
-        for row in run_level(problem, contestants, starts, p.arguments(problem, level))
+        for row in run_level(problem, methods, starts, p.arguments(problem, level))
     ]
 
 
@@ -218,10 +218,10 @@ def test_curves_show_the_rows(stabiliser):
 
 
 def test_the_figure_of_the_obstacle_shows_violations(monkeypatch, tmp_path):
-    contestants = [Contestant("stabiliser", moe_policy.Stabiliser(QUADCOPTER_OBSTACLE))]
+    methods = [Method("stabiliser", moe_policy.Stabiliser(QUADCOPTER_OBSTACLE))]
     perturbations = [of(QUADCOPTER_OBSTACLE, "delay")]
     starts = reference.load(QUADCOPTER_OBSTACLE, "development").parameters[:2]
-    rows = rows_of(QUADCOPTER_OBSTACLE, contestants, starts, perturbations)
+    rows = rows_of(QUADCOPTER_OBSTACLE, methods, starts, perturbations)
     assert all(row["violation_mean"] is not None for row in rows)
     drawn = []
     monkeypatch.setattr(
@@ -243,7 +243,7 @@ class OneThread(ThreadPoolExecutor):
 
 @pytest.fixture
 def script(monkeypatch, stabiliser):
-    """The script on two perturbations of two contestants."""
+    """The script on two perturbations of two methods."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     monkeypatch.delitem(sys.modules, "compare_robustness", raising=False)
     module = importlib.import_module("compare_robustness")
@@ -254,7 +254,7 @@ def script(monkeypatch, stabiliser):
     nearest = moe_policy.load(PENDULUM.id, "nearest")
     monkeypatch.setattr(module, "WorkerPool", OneThread)
     monkeypatch.setattr(module, "perturbations_of", lambda problem: perturbations)
-    monkeypatch.setattr(module, "contestants", lambda problem: stabiliser)
+    monkeypatch.setattr(module, "methods", lambda problem: stabiliser)
     monkeypatch.setattr(module, "solve_all", lambda problem, p, keep: (nearest(p), np.ones(len(p))))
     return module
 

@@ -81,7 +81,7 @@ class Material:
         """The plans of all planners for the validation problems, tracked."""
         starts = self.validation.parameters
         return {
-            name: comparison.run(self.problem, comparison.Contestant(name, planner), starts, batches=())[1]
+            name: comparison.run(self.problem, comparison.Method(name, planner), starts, batches=())[1]
             for name, planner in self.planners.items()
         }
 

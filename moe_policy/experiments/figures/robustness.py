@@ -24,7 +24,7 @@ _WIDE = 15
 def robustness_figure(
     path: str | os.PathLike[str], rows: Sequence[Record], perturbations: Sequence[Perturbation]
 ) -> Path:
-    """A panel for each perturbation: success against the level, a curve with its 95 % band for each contestant.
+    """A panel for each perturbation: success against the level, a curve with its 95 % band for each method.
 
     Dashed where a plan is followed by a hold: success at its end, before the hold. Where there are path constraints, as
     many panels follow with the mean violation over the whole path.
