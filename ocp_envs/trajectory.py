@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.rows import Batch
 
 
 def flat_size(knots: int, nx: int, nu: int) -> int:
@@ -23,7 +23,7 @@ def flat_size(knots: int, nx: int, nu: int) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Batch):
     """A batch of B trajectories.
 
     Args:
@@ -46,15 +46,6 @@ class Trajectory:
             raise ValueError(
                 f"expected states (B, N, nx), controls (B, N-1, nu), duration (B,); got {x.shape}, {u.shape}, {t.shape}"
             )
-
-    def __len__(self) -> int:
-        return len(self.states)
-
-    def __getitem__(self, index: Any) -> Trajectory:
-        """The sub-batch at ``index`` (integer, slice, mask or integer array); an integer keeps the batch axis."""
-        if isinstance(index, (int, np.integer)):
-            index = slice(index, index + 1 or None)
-        return Trajectory(self.states[index], self.controls[index], self.duration[index])
 
     def __iter__(self) -> Iterator[Trajectory]:
         return (self[i] for i in range(len(self)))
@@ -99,11 +90,3 @@ class Trajectory:
             raise ValueError(f"expected (B, {flat_size(knots, nx, nu)}) flat trajectories, got {z.shape}")
         split = knots * nx
         return cls(z[:, :split].reshape(-1, knots, nx), z[:, split:-1].reshape(-1, knots - 1, nu), z[:, -1].copy())
-
-    @classmethod
-    def concatenate(cls, parts: list[Trajectory]) -> Trajectory:
-        return cls(
-            np.concatenate([part.states for part in parts]),
-            np.concatenate([part.controls for part in parts]),
-            np.concatenate([part.duration for part in parts]),
-        )

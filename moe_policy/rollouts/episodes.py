@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.rows import Batch
 
 
 @dataclass(frozen=True, eq=False)
-class Episodes:
+class Episodes(Batch):
     """What became of B episodes; all arrays are (B,) but for the parameters and the records.
 
     Args:
@@ -50,29 +49,19 @@ class Episodes:
     states: Array | None = None
     controls: Array | None = None
 
-    def __len__(self) -> int:
-        return len(self.parameters)
-
-    def __getitem__(self, index: slice | NDArray[Any]) -> Episodes:
-        """The episodes at ``index``: a slice, a mask or an integer array."""
-        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        kept: dict[str, Any] = {name: None if v is None else v[index] for name, v in columns.items()}
-        return Episodes(**kept)
-
     @classmethod
-    def concatenate(cls, parts: list[Episodes]) -> Episodes:
+    def concatenate(cls, parts: Sequence[Episodes]) -> Episodes:
         """The episodes of all ``parts``, in order; records are padded with NaN to the longest."""
-        columns: dict[str, list[Any]] = {
-            f.name: [getattr(part, f.name) for part in parts] for f in dataclasses.fields(cls)
-        }
-        for name in ("states", "controls"):
-            if columns[name][0] is not None:
-                columns[name] = _padded(columns[name])
-        joined: dict[str, Any] = {name: None if v[0] is None else np.concatenate(v) for name, v in columns.items()}
-        return cls(**joined)
+        longest = max(0 if part.controls is None else part.controls.shape[1] for part in parts)
+        return super().concatenate([part._padded(longest) for part in parts])
 
-
-def _padded(records: list[Array]) -> list[Array]:
-    """Arrays (B, T, n) with NaN appended along axis 1 up to the largest T."""
-    longest = max(record.shape[1] for record in records)
-    return [np.pad(r, ((0, 0), (0, longest - r.shape[1]), (0, 0)), constant_values=np.nan) for r in records]
+    def _padded(self, steps: int) -> Episodes:
+        """These episodes with records of ``steps`` control steps."""
+        if self.states is None or self.controls is None:
+            return self
+        missing = steps - self.controls.shape[1]
+        states, controls = (
+            np.pad(record, ((0, 0), (0, missing), (0, 0)), constant_values=np.nan)
+            for record in (self.states, self.controls)
+        )
+        return replace(self, states=states, controls=controls)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class Samples(Batch):
     """The best solution of each of M problem instances; :meth:`of` makes samples without costs.
 
     Args:
@@ -47,14 +48,6 @@ class Samples:
         multipliers = np.full((count, problem.knots, problem.n_clearances), np.nan)
         costs = np.full((count, modes), np.nan)
         return cls(problem, parameters, trajectory, mode, unknown, multipliers, costs, np.arange(count))
-
-    def __len__(self) -> int:
-        return len(self.parameters)
-
-    def __getitem__(self, rows: Any) -> Samples:
-        """The samples at ``rows`` (slice, mask or integer array)."""
-        values = {f.name: getattr(self, f.name)[rows] for f in fields(self) if f.name != "problem"}
-        return Samples(self.problem, **values)
 
 
 class SampleSource(Protocol):

@@ -17,6 +17,7 @@ from ocp_envs import tables
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.rows import Batch
 from ocp_envs.tables import path_of
 
 SHIPPED = ("development", "validation")
@@ -29,7 +30,7 @@ class ReferenceDataError(tables.TableError):
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(Batch):
     """A set of problems with known optimal costs.
 
     Args:
@@ -49,13 +50,6 @@ class Reference:
     def mode(self) -> NDArray[np.int64]:
         """The mode that has it, (M,)."""
         return np.asarray(self.mode_costs.argmin(axis=1), dtype=np.int64)
-
-    def __len__(self) -> int:
-        return len(self.parameters)
-
-    def __getitem__(self, rows: slice) -> Reference:
-        """The problems at ``rows``."""
-        return Reference(self.parameters[rows], self.mode_costs[rows])
 
 
 def save(database: Database, split: str, folder: Path = tables.FOLDER) -> Path:

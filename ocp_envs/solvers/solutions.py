@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +13,12 @@ from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.nlp import Result, Status, Task
 from ocp_envs.solvers.transcription import Transcription
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
-class Solutions:
+class Solutions(Batch):
     """How B solves ended.
 
     Args:
@@ -39,22 +39,6 @@ class Solutions:
     iterations: NDArray[np.int32]
     fallback: NDArray[np.bool_]
     seconds: Array
-
-    def __len__(self) -> int:
-        return len(self.cost)
-
-    def __getitem__(self, index: Any) -> Solutions:
-        """The sub-batch at ``index`` (integer, slice, mask or integer array); an integer keeps the batch axis."""
-        if isinstance(index, (int, np.integer)):
-            index = slice(index, index + 1 or None)
-        return Solutions(*(getattr(self, field.name)[index] for field in fields(self)))
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[Solutions]) -> Solutions:
-        """All ``parts`` (at least one), in order."""
-        trajectory = Trajectory.concatenate([part.trajectory for part in parts])
-        names = [field.name for field in fields(cls)][1:]
-        return cls(trajectory, *(np.concatenate([getattr(part, name) for part in parts]) for name in names))
 
     @property
     def solved(self) -> NDArray[np.bool_]:

@@ -1,0 +1,66 @@
+"""Batches: frozen dataclasses whose arrays hold one row an element, selected and joined field by field."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.support.arrays import Bools
+
+#: What selects rows: an integer, a slice, a mask or an array of integers.
+Rows = int | np.integer | slice | Bools | NDArray[np.integer]
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Base of batches.
+
+    A field that is an array or a batch itself has one row an element, along its first axis. Any other one, ``None``
+    included, belongs to the batch as a whole.
+    """
+
+    def __len__(self) -> int:
+        return len(next(iter(self._columns().values())))
+
+    def __getitem__(self, rows: Rows) -> Self:
+        """The elements at ``rows``; an integer keeps the batch axis."""
+        if isinstance(rows, (int, np.integer)):
+            rows = slice(int(rows), int(rows) + 1 or None)
+        return replace(self, **{name: column[rows] for name, column in self._columns().items()})
+
+    def replaced(self, rows: Bools, new: Self) -> Self:
+        """This batch with the elements of the mask ``rows`` (B,) taken from ``new``, in order."""
+        given = new._columns()
+        return replace(self, **{name: _put(column, rows, given[name]) for name, column in self._columns().items()})
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Self]) -> Self:
+        """The elements of all ``parts``, at least one, in order; other fields are those of the first."""
+        columns = [part._columns() for part in parts]
+        return replace(parts[0], **{name: _join([each[name] for each in columns]) for name in columns[0]})
+
+    def _columns(self) -> dict[str, Column]:
+        """The fields that have rows, by name."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, (np.ndarray, Batch))}
+
+
+Column = NDArray[np.generic] | Batch
+
+
+def _put(column: Column, rows: Bools, new: Column) -> Column:
+    if isinstance(column, Batch) and isinstance(new, Batch):
+        return column.replaced(rows, new)
+    changed = np.array(column)
+    changed[rows] = new
+    return changed
+
+
+def _join(parts: Sequence[Column]) -> Column:
+    if isinstance(parts[0], Batch):
+        return type(parts[0]).concatenate(parts)  # type: ignore[arg-type]
+    return np.concatenate(parts)  # type: ignore[arg-type]
