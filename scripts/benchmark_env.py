@@ -24,6 +24,8 @@ import numpy as np
 import ocp_envs
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems.quadcopter import QUADCOPTER
+from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.solvers.accuracy import integrate
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance, write_json
@@ -33,7 +35,7 @@ REPETITIONS = 7
 NUM_ENVS = 4096
 #: Control period, seconds; where the choice of Runge-Kutta steps is shown, and on how many random states.
 DT = 0.02
-STUDIED, SUBSTEPS = ("GroundVehicle-v0", "Quadcopter-v0"), (1, 2, 3, 4)
+STUDIED, SUBSTEPS = (VEHICLE, QUADCOPTER), (1, 2, 3, 4)
 SAMPLES, SEED = 5_000, 707
 REGIONS = {"whole": 1.0, "middle": 2 / 3}
 
@@ -93,9 +95,8 @@ def tick_error(problem: OptimalControlProblem, substeps: int, share: float) -> d
     return {"median": float(np.median(error)), "99_percent": float(np.quantile(error, 0.99)), "largest": error.max()}
 
 
-def substeps_of(name: str) -> list[dict[str, Any]]:
+def substeps_of(problem: OptimalControlProblem) -> list[dict[str, Any]]:
     """Rate and accuracy of an environment with one to four Runge-Kutta steps in a tick."""
-    problem = ocp_envs.load(name)
     rows: list[dict[str, Any]] = []
     chosen = Simulator(problem, DT).substeps
     for substeps in SUBSTEPS:
@@ -110,7 +111,7 @@ def substeps_of(name: str) -> list[dict[str, Any]]:
         )
         whole = rows[-1]["error"]["whole"]
         print(
-            f"{name}, {substeps} steps a tick{' (chosen)' if substeps == chosen else ''}: "
+            f"{problem.id}, {substeps} steps a tick{' (chosen)' if substeps == chosen else ''}: "
             f"{rows[-1]['steps_per_second']:,.0f} steps/s, error {whole['median']:.1e} (median), "
             f"{whole['99_percent']:.1e} (99 %), {whole['largest']:.1e} (largest)"
         )
@@ -138,7 +139,7 @@ def main() -> None:
         "num_envs": NUM_ENVS,
         "steps_per_second": rates,
         "single_step_microseconds": single,
-        "substeps": {name: substeps_of(name) for name in STUDIED},
+        "substeps": {problem.id: substeps_of(problem) for problem in STUDIED},
     }
     write_json(arguments.out, {**record, "provenance": provenance()})
     print(f"wrote {arguments.out}")

@@ -29,7 +29,7 @@ import numpy as np
 from tqdm import tqdm
 
 import ocp_envs
-from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.planners.solver import SolverPlanner
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
@@ -119,7 +119,7 @@ def draw(
     if source not in databases:
         raise SystemExit(f"--cases-from {source}: there are fresh, {', '.join(databases)}")
     database = databases[source]
-    pool = database.first(study_of(problem).problems if source == "training" else None)
+    pool = database.first(benchmark_of(problem).training.instances if source == "training" else None)
     rows = np.random.default_rng(SEED).permutation(pool)[:count]
     return database.parameters[rows], database.costs()[rows].min(axis=1)
 

@@ -22,8 +22,8 @@ import torch
 
 import ocp_envs
 from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, Method, run
-from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.stored import StoredPlans
@@ -52,7 +52,7 @@ def main() -> None:
 
     torch.set_num_threads(1)
     ocp_envs.register(SWAPPED)
-    study, weights = study_of(QUADCOPTER), TrackingWeights.default(QUADCOPTER)
+    benchmark, weights = benchmark_of(QUADCOPTER), TrackingWeights.default(QUADCOPTER)
     databases = {}
     for name in ("training", "validation"):
         split = split_of(QUADCOPTER, name)
@@ -70,9 +70,9 @@ def main() -> None:
     p, optimal = validation.parameters, validation.trajectory
     row, baseline = run(SWAPPED, Method("optimal", StoredPlans(p, optimal)), p, weights=weights, batches=())
     rows = [row]
-    for name in study.compared:
+    for name in benchmark.planners.compared:
         with WorkerPool(arguments.workers) as pool:
-            planner: Any = recipes.make(name, training, settings=study.settings, executor=pool)
+            planner: Any = recipes.make(name, training, settings=benchmark.training.settings, executor=pool)
         method = Method(name, planner, f"{len(training):,} solutions", planner.details["training"]["seconds"])
         row, _ = run(SWAPPED, method, p, optimal=optimal, baseline=baseline, weights=weights, batches=())
         rows.append(row)

@@ -2,7 +2,7 @@
 
 Each network plans for spheres that are larger by each of a few margins, and is judged by the true ones: mean violation
 at the knots and over the whole path, and cost against the tracked optimum. Writes ``results/margin_<env>.json`` and
-``.png``; the margin of the comparison's extra rows (``margin`` in ``moe_policy/studies.py``) is chosen from it.
+``.png``; the margin of the comparison's extra rows (``moe_policy/experiments/benchmark``) is chosen from it.
 
     python scripts/choose_margin.py
 """
@@ -17,9 +17,9 @@ from tqdm import tqdm
 
 import moe_policy
 import ocp_envs
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, Method, run
 from moe_policy.experiments.figures.space import margins_figure
-from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.stored import StoredPlans
@@ -45,7 +45,7 @@ def main() -> None:
     optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     row, baseline = run(problem, optimal, samples.parameters, batches=())
     rows = [{"margin": None} | row]
-    planners = [moe_policy.load(problem.id, name) for name in study_of(problem).compared]
+    planners = [moe_policy.load(problem.id, name) for name in benchmark_of(problem).planners.compared]
     for planner, margin in tqdm([(p, m) for p in planners for m in MARGINS], unit="run", disable=None):
         method = Method(planner.name, WithMargin(problem, planner, arguments.parameter, margin))
         row, _ = run(problem, method, samples.parameters, baseline=baseline, batches=())

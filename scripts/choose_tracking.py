@@ -20,8 +20,8 @@ from tqdm import tqdm
 import moe_policy
 import ocp_envs
 from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, Method, run
-from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.store import load_file
@@ -48,7 +48,7 @@ def main() -> None:
     if arguments.planners:
         planners = [load_file(path, problem) for path in arguments.planners]
     else:
-        planners = [moe_policy.load(problem.id, name) for name in study_of(problem).compared]
+        planners = [moe_policy.load(problem.id, name) for name in benchmark_of(problem).planners.compared]
     optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     rows = []
     grid = list(itertools.product(CONTROL, TERMINAL, ROOM))

@@ -22,6 +22,7 @@ import torch
 
 import ocp_envs
 from moe_policy import store
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.budgets import (
     BUDGET_COLUMNS,
     GIVEN,
@@ -35,7 +36,6 @@ from moe_policy.experiments.comparison import Method, environments
 from moe_policy.experiments.curves import learner_record, learner_runs
 from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.experiments.methods import solve_all
-from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import text_table
 from moe_policy.rl.training import figures_of
 from moe_policy.rollouts.rollout import rollout
@@ -72,9 +72,9 @@ def chosen_actor(
 
 
 def shipped_rows(problem: OptimalControlProblem, generation: Any, cases: reference.Reference) -> list[dict[str, Any]]:
-    """The shipped networks of the study on the development set, with what they took."""
+    """The shipped networks of the benchmark on the development set, with what they took."""
     rows = []
-    for name in study_of(problem).compared:
+    for name in benchmark_of(problem).planners.compared:
         if name not in store.available(problem.id):
             continue
         planner = store.load(problem.id, name)
@@ -101,12 +101,14 @@ def main() -> None:
     cases = reference.Reference(known.parameters[: arguments.cases], known.mode_costs[: arguments.cases])
     generation = generation_record(arguments.records, problem)
     training = arguments.records / f"compare_training_{problem.id}.json"
-    names, count = study_of(problem).compared, len(reference.load(problem, "validation"))
+    names, count = benchmark_of(problem).planners.compared, len(reference.load(problem, "validation"))
     rows = json.loads(training.read_text()) if training.exists() else {"sizes": [], "rows": []}
     runs = learner_runs(arguments.records, problem)
     # In the order of the comparison.
     learners = {
-        name: learner_record(runs[name]) for name in dict.fromkeys((*study_of(problem).learners, *runs)) if name in runs
+        name: learner_record(runs[name])
+        for name in dict.fromkeys((*benchmark_of(problem).learners.settings, *runs))
+        if name in runs
     }
     for name, run in learners.items():
         run["chosen"] = chosen_actor(problem, name, run, cases)
@@ -118,7 +120,7 @@ def main() -> None:
     record: dict[str, Any] = {
         "env_id": problem.id,
         "given": GIVEN,
-        "not_attempted": dict(study_of(problem).unattempted),
+        "not_attempted": dict(benchmark_of(problem).learners.unattempted),
         "development": {"set": "development", "count": len(known), "planners": len(cases)},
         "validation": {"set": "validation", "count": count},
         "learners": learners,
@@ -132,7 +134,9 @@ def main() -> None:
     path = arguments.results / f"budgets_{problem.id}.json"
     write_json(path, record)
     budgets_figure(path.with_suffix(".png"), record)
-    missing = "".join(f"not attempted: {what}: {why}\n" for what, why in study_of(problem).unattempted.items())
+    missing = "".join(
+        f"not attempted: {what}: {why}\n" for what, why in benchmark_of(problem).learners.unattempted.items()
+    )
     print(f"{text_table(record['rows'], BUDGET_COLUMNS)}{missing}written to {path} and .png")
 
 

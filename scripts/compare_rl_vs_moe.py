@@ -2,8 +2,8 @@
 
 All run on the same starts, through the same rollout loop. With no argument the shipped pendulum models run on the
 shipped validation set, which takes about a minute; ``--env GroundVehicle-v0`` takes a few. ``--train`` first makes
-everything anew under ``data/compare/``: training, development and validation sets, planners, and where the study has a
-short budget for it, a reinforcement learner. The table goes to the terminal, and with all figures to
+everything anew under ``data/compare/``: training, development and validation sets, planners, and where the benchmark
+has a short budget for it, a reinforcement learner. The table goes to the terminal, and with all figures to
 ``results/compare_<env>.json`` and ``.png`` (with ``--train`` to ``results/compare_trained_<env>.*``).
 """
 
@@ -19,9 +19,9 @@ import torch
 
 import moe_policy
 import ocp_envs
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, Method, outcome, run
 from moe_policy.experiments.methods import optimal_planner, shipped, solutions, solve_all, stabiliser, steps, variants
-from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.tables import comparison_figure, text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
@@ -42,8 +42,8 @@ def log(text: str) -> None:
 
 
 def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[NearestPlanner, list[Method], Any]:
-    """Everything made anew: data, planners and, where the study has a short budget, a reinforcement learner."""
-    study, databases = study_of(problem), {}
+    """Everything made anew: data, planners and, where the benchmark has a short budget, a reinforcement learner."""
+    benchmark, databases = benchmark_of(problem), {}
     for name in splits_of(problem):
         split, began = split_of(problem, name), time.perf_counter()
         databases[name] = ocp_envs.generate(
@@ -54,17 +54,17 @@ def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[Ne
             settings=split.settings,
         )
         log(f"{name} set: {len(databases[name])} problems, {time.perf_counter() - began:.0f} s")
-    samples = databases["training"].samples(databases["training"].first(study.problems))
+    samples = databases["training"].samples(databases["training"].first(benchmark.training.instances))
     nearest = NearestPlanner(samples)
     methods = [Method("nearest", nearest, solutions(len(samples)))]
-    for name in study.compared:
+    for name in benchmark.planners.compared:
         with WorkerPool() as pool:
-            planner: Any = recipes.make(name, samples, settings=study.settings, seed=seed, executor=pool)
+            planner: Any = recipes.make(name, samples, settings=benchmark.training.settings, seed=seed, executor=pool)
         planner.save(folder / name)
         seconds = planner.details["training"]["seconds"]
         log(f"{name}: trained in {seconds:.0f} s")
         methods.append(Method(name, planner, solutions(len(samples)), seconds))
-    for name, settings in study.short_learners.items():
+    for name, settings in benchmark.learners.short.items():
         result = baselines.train(problem, settings, databases["development"].parameters)
         result.policy.save(folder / name)
         log(f"{name}: {settings.steps:,} steps in {result.curve[-1].seconds:.0f} s")
@@ -89,7 +89,7 @@ def main() -> None:
         parameters, costs = validation.parameters, validation.costs().min(axis=1)
     else:
         methods = shipped(problem, ROOT / "results")
-        for name in study_of(problem).learners:
+        for name in benchmark_of(problem).learners.settings:
             if name not in moe_policy.available(problem.id):
                 log(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
         nearest = moe_policy.load(problem.id, "nearest")

@@ -31,10 +31,12 @@ from tqdm import tqdm
 import ocp_envs
 from moe_policy import store
 from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import Method
 from moe_policy.experiments.figures.robustness import robustness_figure
 from moe_policy.experiments.methods import shipped, solve_all, stabiliser
-from moe_policy.experiments.robustness import Perturbation, level_key, perturbations_of, run_level
+from moe_policy.experiments.perturbations import Perturbation
+from moe_policy.experiments.robustness import level_key, run_level
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problem import OptimalControlProblem
@@ -106,7 +108,7 @@ def main() -> None:
     arguments = parser.parse_args()
 
     problem = ocp_envs.load(arguments.env)
-    perturbations = perturbations_of(problem)
+    perturbations = benchmark_of(problem).perturbations
     validation = reference.load(problem, "validation").parameters
     starts = validation[: arguments.cases or max(LEAST, len(validation) // 5)]
     flat = solve_all(problem, starts, keep=arguments.data / "optimal" / problem.id)[0].flat()

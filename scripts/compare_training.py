@@ -1,10 +1,10 @@
-"""The planners of a study over several training seeds, ablations, and success against training size.
+"""The planners of a benchmark over several training seeds, ablations, and success against training size.
 
 Every trained model is evaluated on the validation set. Runs are spread over the cores, each result is kept under
 ``data/compare_training/``, and within a run the state of every network once a minute: an interrupted command goes on
 where it stopped. A result counts for its database and settings alone. Needs the databases of
 ``scripts/generate_data.py``. Writes ``results/compare_training_<env>.json`` and figures beside it. What is trained
-stands in ``moe_policy/studies.py``.
+stands in ``moe_policy/experiments/benchmark``.
 
     python scripts/compare_training.py --env GroundVehicle-v0 --seeds 3
 """
@@ -30,9 +30,11 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.benchmark import benchmark_of
+from moe_policy.experiments.benchmark.parts import Benchmark
+from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures import phase as figures
-from moe_policy.experiments.studies import Published, Study, study_of
 from moe_policy.experiments.summary import beside_published, model_record, row_of
 from moe_policy.learning import recipes
 from moe_policy.learning.architectures import PAPER_SIZES, layer_sizes
@@ -89,37 +91,43 @@ class Folders:
 
     @lru_cache(maxsize=4)  # noqa: B019 - one for each process
     def samples(self, problem: OptimalControlProblem, name: str) -> Samples:
-        """A split; of the training set the problems that the study trains on, unless it is asked for as ``WHOLE``."""
+        """A split; of the training set the instances that the benchmark trains on, or with ``WHOLE`` all."""
         database = ocp_envs.Database.open(self.data / f"{'training' if name == WHOLE else name}.zarr", problem)
-        return database.samples(database.first(study_of(problem).problems) if name == "training" else None)
+        return database.samples(
+            database.first(benchmark_of(problem).training.instances) if name == "training" else None
+        )
 
 
-def sizes_of(study: Study, total: int) -> list[tuple[int, TrainingSettings]]:
+def sizes_of(benchmark: Benchmark, total: int) -> list[tuple[int, TrainingSettings]]:
     """Numbers of training problems and the settings for them, the whole set last."""
-    smaller = [(n, dataclasses.replace(study.settings, epochs=e)) for n, e in study.sizes.items() if n < total]
-    return [*smaller, (total, study.settings)]
+    smaller = [
+        (n, dataclasses.replace(benchmark.training.settings, epochs=e))
+        for n, e in benchmark.training.sizes.items()
+        if n < total
+    ]
+    return [*smaller, (total, benchmark.training.settings)]
 
 
-def plan(problem: OptimalControlProblem, study: Study, seeds: int, total: int) -> Iterator[Run]:
+def plan(problem: OptimalControlProblem, benchmark: Benchmark, seeds: int, total: int) -> Iterator[Run]:
     """All runs, those of the first seed first."""
     for seed in range(seeds):
-        for name in study.models:
-            yield Run(name, seed, total, study.settings)
-        for name in study.paper_settings:
+        for name in benchmark.planners.trained:
+            yield Run(name, seed, total, benchmark.training.settings)
+        for name in benchmark.training.paper:
             yield Run(name, seed, total, PAPER)
-        if seed >= study.fewer_seeds:
+        if seed >= benchmark.training.fewer_seeds:
             continue
-        for hidden in study.ablation:
+        for hidden in benchmark.training.depths:
             if hidden != PAPER_SIZES[problem.id].single:
-                yield Run("snn", seed, total, study.settings, hidden)
-        for size, settings in sizes_of(study, total):
-            yield from (Run(name, seed, size, settings) for name in study.sized if size < total)
+                yield Run("snn", seed, total, benchmark.training.settings, hidden)
+        for size, settings in sizes_of(benchmark, total):
+            yield from (Run(name, seed, size, settings) for name in benchmark.training.sized if size < total)
 
 
-def plan_whole(study: Study, database: ocp_envs.Database, total: int) -> Iterator[Run]:
+def plan_whole(benchmark: Benchmark, database: ocp_envs.Database, total: int) -> Iterator[Run]:
     """The runs on all problems, where the others are on fewer and the database is complete."""
-    if study.whole and database.complete and (count := database.totals()["solved"]) > total:
-        yield from (Run(name, 0, count, settings) for name, settings in study.whole.items())
+    if benchmark.training.whole and database.complete and (count := database.totals()["solved"]) > total:
+        yield from (Run(name, 0, count, settings) for name, settings in benchmark.training.whole.items())
 
 
 def select(samples: Samples, count: int, seed: int) -> Samples:
@@ -127,7 +135,9 @@ def select(samples: Samples, count: int, seed: int) -> Samples:
 
 
 def train(problem: OptimalControlProblem, run: Run, folders: Folders, checkpoints: Path) -> NetworkPlanner:
-    samples = folders.samples(problem, WHOLE if run.settings == study_of(problem).whole.get(run.name) else "training")
+    samples = folders.samples(
+        problem, WHOLE if run.settings == benchmark_of(problem).training.whole.get(run.name) else "training"
+    )
     if run.samples < len(samples):
         samples = select(samples, run.samples, run.seed)
     if run.hidden is None:
@@ -176,7 +186,7 @@ def run_all(
 
 
 def assemble(
-    problem: OptimalControlProblem, study: Study, records: dict[Run, dict[str, Any]], total: int
+    problem: OptimalControlProblem, benchmark: Benchmark, records: dict[Run, dict[str, Any]], total: int
 ) -> dict[str, Any]:
     def collect(
         name: str,
@@ -193,27 +203,31 @@ def assemble(
 
     whole = max((run.samples for run in records if run.samples > total), default=None)
     rows, fewer = [], []
-    for name in study.models:
-        published, usual = study.published.get(name), collect(name, total, study.settings)
-        largest = [] if whole is None else collect(name, whole, study.whole.get(name), published=published)
+    for name in benchmark.planners.trained:
+        published, usual = benchmark.published.get(name), collect(name, total, benchmark.training.settings)
+        largest = [] if whole is None else collect(name, whole, benchmark.training.whole.get(name), published=published)
         rows += largest or [row if published is None else beside_published(row, published) for row in usual]
         fewer += [row | {"name": f"{name}, {total:,} problems"} for row in usual if largest]
     rows += fewer
-    for name in study.paper_settings:
+    for name in benchmark.training.paper:
         rows += collect(name, total, PAPER, title=f"{name}, the paper's training settings")
     ablation = [
         row | {"hidden": list(hidden), "paper_test_error": error}
-        for hidden, error in study.ablation.items()
-        for row in collect("snn", total, study.settings, None if hidden == PAPER_SIZES[problem.id].single else hidden)
+        for hidden, error in benchmark.training.depths.items()
+        for row in collect(
+            "snn", total, benchmark.training.settings, None if hidden == PAPER_SIZES[problem.id].single else hidden
+        )
     ]
-    counts = sizes_of(study, total)
+    counts = sizes_of(benchmark, total)
     sizes = []
-    for name in study.sized:
+    for name in benchmark.training.sized:
         sizes += [row for size in counts for row in collect(name, *size)]
-        sizes += [] if whole is None else collect(name, whole, study.whole.get(name))
-    settings: dict[str, Any] = {"settings": dataclasses.asdict(study.settings)}
-    if study.whole:
-        settings["settings_on_all_problems"] = {name: dataclasses.asdict(s) for name, s in study.whole.items()}
+        sizes += [] if whole is None else collect(name, whole, benchmark.training.whole.get(name))
+    settings: dict[str, Any] = {"settings": dataclasses.asdict(benchmark.training.settings)}
+    if benchmark.training.whole:
+        settings["settings_on_all_problems"] = {
+            name: dataclasses.asdict(s) for name, s in benchmark.training.whole.items()
+        }
     return settings | {"rows": rows, "ablation": ablation, "sizes": sizes}
 
 
@@ -248,20 +262,20 @@ def main() -> None:
     began = time.perf_counter()
     problem = ocp_envs.load(arguments.env)
     folders = Folders(arguments.data / problem.id, arguments.data / "compare_training" / problem.id)
-    training, study = ocp_envs.Database.open(folders.data / "training.zarr", problem), study_of(problem)
-    total, data = len(training.solved(training.first(study.problems))), training.key
-    largest = list(plan_whole(study, training, total))
-    chosen = [*largest, *plan(problem, study, arguments.seeds, total)]
+    training, benchmark = ocp_envs.Database.open(folders.data / "training.zarr", problem), benchmark_of(problem)
+    total, data = len(training.solved(training.first(benchmark.training.instances))), training.key
+    largest = list(plan_whole(benchmark, training, total))
+    chosen = [*largest, *plan(problem, benchmark, arguments.seeds, total)]
     runs = {run: run.key(data) for run in chosen}
     records = run_all(problem, runs, folders, arguments.workers, arguments.models)
     if arguments.models is not None and not arguments.ship:
         return
-    record = assemble(problem, study, records, total)
-    first = {name: Run(name, 0, total, study.settings) for name in study.models}
+    record = assemble(problem, benchmark, records, total)
+    first = {name: Run(name, 0, total, benchmark.training.settings) for name in benchmark.planners.trained}
     first |= {run.name: run for run in largest if run in records}
     models = {name: folders.model(runs[run]) for name, run in first.items() if "pca" not in name}
     if arguments.ship:
-        for name in study.shipped:
+        for name in benchmark.shipped:
             load_file(models[name], problem).save(SHIPPED / problem.id / name)
     record |= draw(problem, folders, models, arguments.results, record)
     record |= {"env_id": problem.id, "training_key": data, "seconds": time.perf_counter() - began}

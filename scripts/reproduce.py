@@ -27,10 +27,10 @@ import torch
 
 import moe_policy
 import ocp_envs
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import TRAINING_COLUMNS
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.phase import mixture_figure
-from moe_policy.experiments.studies import study_of
 from moe_policy.experiments.summary import (
     OVERVIEW_COLUMNS,
     beside_published,
@@ -46,29 +46,17 @@ from moe_policy.experiments.tables import Column, markdown_table
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK
+from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
 from ocp_envs.sets.splits import split_of
 from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
-SHORT = {
-    "PendulumSwingup-v0": "pendulum",
-    "GroundVehicle-v0": "vehicle",
-    "Quadcopter-v0": "quadcopter",
-    "QuadcopterObstacle-v0": "quadcopter-obstacle",
-}
 #: The paper's table of ways to train is about the pendulum.
-TRAINED = "PendulumSwingup-v0"
+TRAINED = PENDULUM.id
 TABLES = ("overview", "training", "summary")
 #: A sketch, the paper's second figure, belongs to no problem.
 SKETCH = "mixture"
-#: Training and validation problems of the quick form.
-QUICK = {
-    "PendulumSwingup-v0": (1281, 1000),
-    "GroundVehicle-v0": (3000, 500),
-    "Quadcopter-v0": (1000, 300),
-    "QuadcopterObstacle-v0": (2000, 500),
-}
 #: Starts of the comparisons of the quick form.
 COMPARED = 200
 
@@ -80,7 +68,9 @@ def log(text: str) -> None:
 def figure_names() -> dict[str, tuple[OptimalControlProblem, str]]:
     """Problem and drawing of every figure by its name."""
     return {
-        f"{SHORT[problem.id]}-{kind}": (problem, kind) for problem in BENCHMARK for kind in gallery.drawings(problem)
+        f"{benchmark_of(problem).short}-{kind}": (problem, kind)
+        for problem in BENCHMARK
+        for kind in gallery.drawings(problem)
     }
 
 
@@ -104,7 +94,7 @@ class Source:
         problem = self.problem
         if not self.quick:
             return ocp_envs.Database.open(self.data / problem.id / f"{name}.zarr", problem)
-        split, count = split_of(problem, name), dict(zip(("training", "validation"), QUICK[problem.id]))[name]
+        split, count = split_of(problem, name), getattr(benchmark_of(problem).quick, name)
         p = (
             reference.load(problem, name).parameters[:count]
             if name == "validation"
@@ -144,16 +134,20 @@ class Source:
         if not self.quick:
             _ = self.record
         training, validation = self._database("training"), self._database("validation")
-        few = None if self.quick else training.first(study_of(self.problem).problems)
+        few = None if self.quick else training.first(benchmark_of(self.problem).training.instances)
         mixtures = [name for name in self.shipped if name.startswith("moe-kmeans-") and "pca" not in name]
         partitions = tuple(int(name.rsplit("-", 1)[1]) for name in mixtures)
         return gallery.Material(training.samples(few), validation.samples(), self.shipped, partitions)
 
     @cached_property
     def shipped(self) -> dict[str, NetworkPlanner]:
-        """The networks of the study that are shipped."""
+        """The networks of the benchmark that are shipped."""
         there = moe_policy.available(self.problem.id)
-        return {name: moe_policy.load(self.problem.id, name) for name in study_of(self.problem).models if name in there}
+        return {
+            name: moe_policy.load(self.problem.id, name)
+            for name in benchmark_of(self.problem).planners.trained
+            if name in there
+        }
 
     @property
     def cases(self) -> int:
@@ -163,7 +157,7 @@ class Source:
     @cached_property
     def rows(self) -> list[dict[str, Any]]:
         """A row for each trained network."""
-        published, rows = study_of(self.problem).published, []
+        published, rows = benchmark_of(self.problem).published, []
         if not self.quick:
             for row in json.loads(self.record.read_text())["rows"]:
                 if planner := self.shipped.get(row["name"]):  # the model of the first seed

@@ -27,7 +27,7 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.experiments import comparison
-from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.rl.settings import ALGORITHMS, RLSettings
 from moe_policy.rl.training import TrainingRun, train
 from moe_policy.store import SHIPPED
@@ -39,8 +39,8 @@ RESULTS = Path(__file__).resolve().parents[1] / "results"
 
 
 def override(problem: OptimalControlProblem, algorithm: str, texts: list[str]) -> RLSettings:
-    """The settings of ``algorithm`` in the problem's study with ``name=value`` replaced."""
-    settings = study_of(problem).learners.get(algorithm) or ALGORITHMS[algorithm]()
+    """The settings of ``algorithm`` in the problem's benchmark with ``name=value`` replaced."""
+    settings = benchmark_of(problem).learners.settings.get(algorithm) or ALGORITHMS[algorithm]()
     names = {f.name for f in dataclasses.fields(settings)}
     values: dict[str, Any] = {}
     for text in texts:

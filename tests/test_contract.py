@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.solver import SolverPlanner
 from moe_policy.store import ALWAYS
@@ -139,7 +139,7 @@ def test_no_warm_start_finds_less_than_the_reference_cost(problem):
     nearest = moe_policy.load(problem.id, "nearest")
     p, best = shipped.parameters[:20], shipped.cost[:20]
     with GuardedSolver(problem) as solver:  # fatrop hangs on some warm starts of the obstacle problem
-        planner = SolverPlanner(problem, nearest, lookaround=study_of(problem).lookaround, solver=solver)
+        planner = SolverPlanner(problem, nearest, lookaround=benchmark_of(problem).planners.lookaround, solver=solver)
         cost = planner.best(p)[1]
     assert (cost > best * (1 - 1e-3)).all()
     assert (cost < best * (1 + 1e-3)).sum() >= 18

@@ -17,8 +17,8 @@ from tqdm import tqdm
 
 from moe_policy import store
 from moe_policy.control.tracking import Stabiliser
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import Method
-from moe_policy.experiments.studies import study_of
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
@@ -44,24 +44,24 @@ def steps(count: int) -> str:
 
 
 def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list[Method]:
-    """The models of the package that the problem's study compares: nearest neighbour, networks, learners.
+    """The models of the package that the problem's benchmark compares: nearest neighbour, networks, learners.
 
     Args:
         problem: the problem; one without shipped models has none.
         results: folder of the learners' training records, from which steps and wall times are taken; without it the
             policies themselves tell their steps.
     """
-    study, there = study_of(problem), store.available(problem.id)
+    benchmark, there = benchmark_of(problem), store.available(problem.id)
     methods = []
     if "nearest" in there:
         nearest = store.load(problem.id, "nearest")
         methods.append(Method("nearest", nearest, solutions(len(nearest.parameters))))
-    for name in study.compared:
+    for name in benchmark.planners.compared:
         if name in there:
             planner = store.load(problem.id, name)
             record = planner.details
             methods.append(Method(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
-    for name in study.learners:
+    for name in benchmark.learners.settings:
         if name in there:
             policy = store.load(problem.id, name)
             training = {"steps": policy.details["steps"], "seconds": None}
@@ -75,15 +75,17 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
 def variants(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[Method]:
     """The networks among ``methods`` once more, used with more care; none where the problem offers nothing.
 
-    Averaged over the problem's symmetry (:class:`Symmetrised`), and keeping the margin of its study
+    Averaged over the problem's symmetry (:class:`Symmetrised`), and keeping the margin of its benchmark
     (:class:`WithMargin`).
     """
     networks = [(c, c.actor) for c in methods if isinstance(c.actor, NetworkPlanner)]
     careful: list[tuple[Method, Symmetrised | WithMargin]] = []
     if problem.symmetry is not None:
         careful += [(method, Symmetrised(problem, planner)) for method, planner in networks]
-    if (margin := study_of(problem).margin) is not None:
-        careful += [(method, WithMargin(problem, planner, *margin)) for method, planner in networks]
+    if margin := benchmark_of(problem).planners.margin:
+        careful += [
+            (method, WithMargin(problem, planner, margin.parameter, margin.amount)) for method, planner in networks
+        ]
     return [replace(method, name=planner.name, actor=planner) for method, planner in careful]
 
 
@@ -101,7 +103,7 @@ def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | No
     """
     if nearest is None and "nearest" in store.available(problem.id):
         nearest = store.load(problem.id, "nearest")
-    return SolverPlanner(problem, nearest, lookaround=study_of(problem).lookaround)
+    return SolverPlanner(problem, nearest, lookaround=benchmark_of(problem).planners.lookaround)
 
 
 def solve_all(
@@ -143,7 +145,7 @@ def solve_all(
 
 def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None) -> str:
     """A hash of all that a share of optimal trajectories depends on."""
-    sha = hashlib.sha256(f"{problem.fingerprint} {study_of(problem).lookaround}".encode())
+    sha = hashlib.sha256(f"{problem.fingerprint} {benchmark_of(problem).planners.lookaround}".encode())
     for array in (p, *(() if nearest is None else (nearest.parameters, nearest.trajectory.flat()))):
         sha.update(np.ascontiguousarray(array).tobytes())
     return sha.hexdigest()[:16]

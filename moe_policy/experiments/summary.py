@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from moe_policy.experiments import comparison
-from moe_policy.experiments.studies import Published, study_of
+from moe_policy.experiments.benchmark import benchmark_of
+from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.tables import ABSENT, Column
 from moe_policy.learning.architectures import architecture_of, layer_sizes
 from moe_policy.planners.network import NetworkPlanner
@@ -86,7 +87,7 @@ def beside_published(row: Record, published: Published) -> Record:
 
 def summarised(problem: OptimalControlProblem) -> list[str]:
     """The mixtures of ``problem`` that have a column in the summary: those whose gate the paper describes."""
-    return [name for name, figures in study_of(problem).published.items() if figures.gate_accuracy is not None]
+    return [name for name, figures in benchmark_of(problem).published.items() if figures.gate_accuracy is not None]
 
 
 def summary_record(

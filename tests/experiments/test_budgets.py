@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from moe_policy.control.tracking import TrackingPolicy
+from moe_policy.experiments.benchmark.parts import Benchmark, Learners, Planners
 from moe_policy.experiments.budgets import PlannerBudget, Untimed, generation_record, planner_rows
 from moe_policy.experiments.comparison import environments
 from moe_policy.experiments.curves import curve_of
 from moe_policy.experiments.figures.budgets import budgets_figure
-from moe_policy.experiments.studies import Study
 from moe_policy.rl.settings import PPOSettings, SACSettings
 from moe_policy.rollouts.intervals import Spread
 from moe_policy.rollouts.rollout import rollout
@@ -138,9 +138,9 @@ def test_the_script_from_end_to_end(monkeypatch, tmp_path):
     write(records, f"compare_training_{PENDULUM.id}", {"sizes": [], "rows": [trained("moe-custom", 1281, [990, 999])]})
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "scripts"))
     module = importlib.import_module("compare_budgets")
-    monkeypatch.setattr(
-        module, "study_of", lambda problem: Study(compared=("moe-custom",), unattempted={"tqc": "no time"})
-    )
+    planners, learners = Planners(compared=("moe-custom",)), Learners(unattempted={"tqc": "no time"})
+    benchmark = Benchmark(short="pendulum", planners=planners, learners=learners)
+    monkeypatch.setattr(module, "benchmark_of", lambda problem: benchmark)
     arguments = ["--cases", "5", "--records", str(records), "--results", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["compare_budgets", *arguments])
     module.main()

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import ocp_envs
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.cases import flip_parameters
 from ocp_envs.problems import BENCHMARK
@@ -32,7 +33,8 @@ def test_the_papers_figures_of_results_are_all_there():
 @pytest.mark.slow
 def test_a_family_is_followed_past_the_flip():
     problem = ocp_envs.load("QuadcopterObstacle-v0")
-    p = flip_parameters(problem, *gallery.FLIP[:-1], 6)
+    rise = benchmark_of(problem).figures.rise
+    p = flip_parameters(problem, rise.centre, rise.radius, rise.start, *rise.heights, 6)
     with GuardedSolver(problem) as solver:
         plans, costs = gallery.follow(problem, solver, p)
     assert len(plans) == 6

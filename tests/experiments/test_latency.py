@@ -11,9 +11,9 @@ import pytest
 
 import moe_policy
 import ocp_envs
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import Method
 from moe_policy.experiments.latency import cold, planner_rows, solver_rows, step_rows, warm
-from moe_policy.experiments.studies import study_of
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver
@@ -144,7 +144,7 @@ def test_the_script_times_every_planner(monkeypatch, tmp_path):
     monkeypatch.setattr("sys.argv", ["benchmark_planning", *arguments])
     module.main()
     record = json.loads((tmp_path / f"benchmark_planning_{PENDULUM.id}.json").read_text())
-    planners = ["nearest", *study_of(PENDULUM).compared]
+    planners = ["nearest", *benchmark_of(PENDULUM).planners.compared]
     assert [row["name"] for row in record["planners"]] == ["optimal", *planners]
     assert [row["name"] for row in record["solver"]] == [
         "cold, random",

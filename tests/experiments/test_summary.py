@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from moe_policy.experiments.studies import STUDIES, Published
+from moe_policy.experiments.benchmark import BENCHMARKS
+from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.summary import overview_rows, row_of, summarised, training_record
 from moe_policy.learning.clustering import cluster
 from moe_policy.learning.fitting import TrainingSettings
@@ -33,7 +34,7 @@ def test_a_training_is_recorded_as_it_was():
 
 def test_rows_hold_medians_over_seeds_and_the_papers_figures():
     records = [{"seed": seed, "samples": 10, "success": count} for seed, count in enumerate((3, 9, 5))]
-    row = row_of("snn", records, Published(0.5, 7))
+    row = row_of("snn", records, Published(validation_error=0.5, success=7))
     assert (row["seeds"], row["samples"]) == ([0, 1, 2], 10)
     assert row["success_spread"] == {"median": 5.0, "least": 3, "most": 9}
     assert (row["paper_success"], row["paper_validation_error"]) == (7, 0.5)
@@ -49,8 +50,8 @@ def test_the_papers_six_columns():
         ("QuadcopterObstacle-v0", "moe-custom"),
         ("QuadcopterObstacle-v0", "moe-kmeans-8"),
     ]
-    for study in STUDIES.values():
-        for name, figures in study.published.items():
+    for benchmark in BENCHMARKS.values():
+        for name, figures in benchmark.published.items():
             described = [figures.cluster_sizes, figures.gate_accuracy, figures.expert_test_error]
             assert len({value is None for value in described}) == 1, name
             assert np.isfinite([v for v in dataclasses.astuple(figures) if isinstance(v, float)]).all()

@@ -18,6 +18,7 @@ import pytest
 import moe_policy
 import ocp_envs
 from moe_policy.experiments import comparison
+from moe_policy.experiments.benchmark.parts import Quick
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning.fitting import TrainingSettings
 from moe_policy.rl.training import SACSettings
@@ -130,12 +131,15 @@ def test_generate_data_makes_and_ships_every_split(data):
 
 def test_train_planners(data, script, run, monkeypatch, tmp_path):
     module = script("train_planners")
-    study = dataclasses.replace(module.study_of(PENDULUM), settings=QUICK, stored=30)
-    monkeypatch.setattr(module, "study_of", lambda problem: study)
+    benchmark = module.benchmark_of(PENDULUM)
+    training = dataclasses.replace(benchmark.training, settings=QUICK)
+    planners = dataclasses.replace(benchmark.planners, stored=30)
+    benchmark = dataclasses.replace(benchmark, training=training, planners=planners)
+    monkeypatch.setattr(module, "benchmark_of", lambda problem: benchmark)
     run(module, "--data", data, "--models", tmp_path, "--seed", 3, "--workers", 1)
     folder = tmp_path / PENDULUM.id
     names = {path.name.removesuffix(".json") for path in folder.glob("*.json")}
-    assert names == {"nearest", *study.models}
+    assert names == {"nearest", *benchmark.planners.trained}
     assert len(moe_policy.load_file(folder / "nearest").parameters) == 30
     for name in names:
         planner = moe_policy.load_file(folder / name)
@@ -171,8 +175,11 @@ def test_compare_makes_everything_anew(script, run, monkeypatch, tmp_path):
     with_tiny_splits(monkeypatch, module)
     monkeypatch.setattr(module, "ROOT", tmp_path)
     short = SACSettings(steps=400, learning_starts=200, n_envs=4, hidden=(8, 8), evaluate_every=200)
-    study = dataclasses.replace(module.study_of(PENDULUM), settings=QUICK, short_learners={"sac": short})
-    monkeypatch.setattr(module, "study_of", lambda problem: study)
+    benchmark = module.benchmark_of(PENDULUM)
+    training = dataclasses.replace(benchmark.training, settings=QUICK)
+    learners = dataclasses.replace(benchmark.learners, short={"sac": short})
+    benchmark = dataclasses.replace(benchmark, training=training, learners=learners)
+    monkeypatch.setattr(module, "benchmark_of", lambda problem: benchmark)
     run(module, "--train", "--results", tmp_path / "results")
     record = read(tmp_path / "results" / "compare_trained_PendulumSwingup-v0.json")
     assert record["cases"] == 12
@@ -194,10 +201,11 @@ class OneThread(ThreadPoolExecutor):
 @pytest.mark.slow
 def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeypatch, tmp_path):
     module = script("compare_training")
-    whole = module.study_of(PENDULUM)
-    study = dataclasses.replace(whole, settings=QUICK, sizes={20: 2, 40: 2})
+    whole = module.benchmark_of(PENDULUM)
+    training = dataclasses.replace(whole.training, settings=QUICK, sizes={20: 2, 40: 2})
+    benchmark = dataclasses.replace(whole, training=training)
     for name, value in (
-        ("study_of", lambda problem: study),
+        ("benchmark_of", lambda problem: benchmark),
         ("PAPER", dataclasses.replace(QUICK, patience=2)),
         ("WorkerPool", OneThread),
     ):
@@ -210,13 +218,13 @@ def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeyp
     run(module, *arguments)
     record = read(tmp_path / "results" / "compare_training_PendulumSwingup-v0.json")
     keys = {column.key for column in comparison.TRAINING_COLUMNS if "violation" not in column.key}
-    papers = [row for row in record["rows"] if row["name"] in study.published]
-    assert len(papers) == len(study.published) == 9
+    papers = [row for row in record["rows"] if row["name"] in benchmark.published]
+    assert len(papers) == len(benchmark.published) == 9
     assert all(keys <= set(row) for row in papers)
     total = max(row["samples"] for row in record["rows"])
-    expected = {(name, size) for name in study.sized for size in (20, 40, total)}
+    expected = {(name, size) for name in benchmark.training.sized for size in (20, 40, total)}
     assert {(row["name"], row["samples"]) for row in record["sizes"]} == expected
-    assert len(record["ablation"]) == len(study.ablation)
+    assert len(record["ablation"]) == len(benchmark.training.depths)
     pictures = {path.name for path in (tmp_path / "results").glob("*.png")}
     assert pictures == {f"training_{PENDULUM.id}_{name}.png" for name in ("clusters", "sizes", "jump", "errors")}
     # The second run finds all models of the first.
@@ -269,12 +277,13 @@ def test_reproduce_names_its_tables_and_figures(script, run, capsys):
 def test_reproduce_quickly(script, run, monkeypatch, tmp_path):
     """A table and figures of the pendulum, from few problems and the shipped networks."""
     module = script("reproduce")
-    monkeypatch.setitem(module.QUICK, PENDULUM.id, (60, 6))
+    few = dataclasses.replace(module.benchmark_of(PENDULUM), quick=Quick(training=60, validation=6))
+    monkeypatch.setattr(module, "benchmark_of", lambda problem: few)
     folders = ("--data", tmp_path / "data", "--results", tmp_path / "results")
     run(module, "--quick", "--table", "training", "--figure", "mixture", "pendulum-clusters", *folders)
     record = read(tmp_path / "results" / "table_training.json")
     rows = {row["name"]: row for row in record["rows"]}
-    assert set(rows) == set(module.study_of(PENDULUM).shipped)
+    assert set(rows) == set(module.benchmark_of(PENDULUM).shipped)
     assert rows["moe-custom"]["paper_success"] == 998
     assert all(len(row["success"]) == 1 and 0 <= row["success"][0] <= 6 for row in rows.values())
     assert "| moe-custom |" in (tmp_path / "results" / "table_training.md").read_text()

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 import moe_policy
-from moe_policy.experiments.studies import study_of
+from moe_policy.experiments.benchmark import benchmark_of
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
@@ -21,7 +21,8 @@ TINY = {
     "outside": OutsideBox(seed=606, beyond=(0.0, 0.25), size=3, settings=FEW),
 }
 compared = pytest.mark.skipif(
-    not set(study_of(PENDULUM).compared) <= set(moe_policy.available(PENDULUM.id)), reason="needs the shipped models"
+    not set(benchmark_of(PENDULUM).planners.compared) <= set(moe_policy.available(PENDULUM.id)),
+    reason="needs the shipped models",
 )
 
 

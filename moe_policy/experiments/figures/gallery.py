@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from moe_policy.experiments import comparison
+from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures import phase as figures
 from moe_policy.experiments.figures import plane as trajectory_figures
 from moe_policy.experiments.figures import space as space_figures
@@ -33,10 +34,6 @@ from ocp_envs.trajectory import Trajectory
 
 #: Training samples drawn around the case where the single network interpolates.
 NEIGHBOURS = 8
-#: The problem whose neighbours are drawn round its sphere: start, centre, radius; figure 8.
-AROUND = (8.0, 8.0, 8.0, 4.0, 4.0, 4.0, 3.0)
-#: Where the optimum flips: centre and radius of the sphere, x and y of the starts, their heights, how many; figure 10.
-FLIP = ((0.0, 4.0, 4.0), 3.0, (0.0, 8.0), 6.5, 9.8, 12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +180,10 @@ def _violations(material: Material, path: Path) -> dict[str, Any]:
 
 
 def _around(material: Material, path: Path) -> dict[str, Any]:
-    space_figures.around_figure(path, material.training, material.families, AROUND)
-    return {"parameters": AROUND}
+    parameters = benchmark_of(material.problem).figures.around
+    assert parameters is not None
+    space_figures.around_figure(path, material.training, material.families, parameters)
+    return {"parameters": parameters}
 
 
 def follow(problem: OptimalControlProblem, solver: GuardedSolver, p: Array) -> tuple[Trajectory, Array]:
@@ -207,7 +206,9 @@ def follow(problem: OptimalControlProblem, solver: GuardedSolver, p: Array) -> t
 
 def _flip(material: Material, path: Path) -> dict[str, Any]:
     problem = material.problem
-    p = flip_parameters(problem, *FLIP)
+    rise = benchmark_of(problem).figures.rise
+    assert rise is not None
+    p = flip_parameters(problem, rise.centre, rise.radius, rise.start, *rise.heights, rise.count)
     with GuardedSolver(problem) as solver:
         (rising, up), (falling, down) = (follow(problem, solver, order) for order in (p, p[::-1]))
     back, down = np.arange(len(p))[::-1], down[::-1]
@@ -241,15 +242,17 @@ _SPACE = {
     "samples": Drawing(_space_samples, "optimal trajectories by cluster", 9),
     "errors": Drawing(_histograms, "predicted and tracked final errors"),
 }
-_SPHERE = {
-    "around": Drawing(_around, "optimal paths of the problems next to one", 8),
-    "flip": Drawing(_flip, "where the optimum flips from one side to the other", 10),
-    "violations": Drawing(_violations, "violations of the path constraint", 11),
-}
+_AROUND = Drawing(_around, "optimal paths of the problems next to one", 8)
+_FLIP = Drawing(_flip, "where the optimum flips from one side to the other", 10)
+_VIOLATIONS = Drawing(_violations, "violations of the path constraint", 11)
 
 
 def drawings(problem: OptimalControlProblem) -> Mapping[str, Drawing]:
     """The figures of ``problem`` by name."""
     if problem.picture is not None and problem.picture.dimensions == 3:
-        return MappingProxyType(_SPACE | (_SPHERE if problem.n_clearances else {}))
+        cases = benchmark_of(problem).figures
+        around = {"around": _AROUND} if cases.around else {}
+        flip = {"flip": _FLIP} if cases.rise else {}
+        violations = {"violations": _VIOLATIONS} if problem.n_clearances else {}
+        return MappingProxyType(_SPACE | around | flip | violations)
     return MappingProxyType(_BOX if len(problem.parameters) == 2 else _PLANE)

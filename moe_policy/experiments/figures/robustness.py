@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from moe_policy.experiments.robustness import Perturbation
+from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.experiments.tables import looks, save_figure
 
 if TYPE_CHECKING:
