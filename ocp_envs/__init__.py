@@ -13,7 +13,8 @@ import gymnasium as gym
 from ocp_envs.envs.env import Env
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.envs.vector_env import VectorEnv
-from ocp_envs.problem import Goal, Modes, OptimalControlProblem, OutsideBoxError, winding_modes
+from ocp_envs.goal import Goal, Modes, winding_modes
+from ocp_envs.problem import OptimalControlProblem, OutsideBoxError
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
 from ocp_envs.problems.description import describe
 from ocp_envs.render.scene import plot_trajectory

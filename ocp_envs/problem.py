@@ -24,6 +24,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ocp_envs.goal import SINGLE_MODE, Goal, Modes
 from ocp_envs.picture import Picture
 from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.batch import BatchFunction, dense_function
@@ -35,68 +36,12 @@ from ocp_envs.trajectory import Trajectory, flat_size
 CostRate = Callable[[Sequence[Any], Sequence[Any], SimpleNamespace, SimpleNamespace], Any]
 #: (state, context, constants) → list of expressions that must stay ≥ 0, in metres where they are distances.
 Clearance = Callable[[Sequence[Any], SimpleNamespace, SimpleNamespace], Sequence[Any]]
-#: (problem, parameters (B, np), trajectories of B, multipliers of the clearances at the knots (B, N, nh)) → mode of
-#: each, (B,) integers.
-Classify = Callable[["OptimalControlProblem", Array, Trajectory, Array], NDArray[np.int64]]
 
 BOX_TOLERANCE = 1e-6
 
 
 class OutsideBoxError(ValueError):
     """A parameter lies outside the parameter box."""
-
-
-@dataclass(frozen=True, eq=False)
-class Goal:
-    """The goal ball.
-
-    Args:
-        state: centre of the ball, (nx,).
-        radius: the ball is ‖x − state‖ < radius, periodic coordinates taken the short way round.
-        windings: whole turns added to the goal's periodic coordinates that the optimiser tries, (W, nx) integers.
-        control: control that holds the system at the goal, (nu,).
-    """
-
-    state: Array
-    radius: float
-    windings: NDArray[np.int64]
-    control: Array
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "state", frozen_array(self.state))
-        object.__setattr__(self, "windings", frozen_array(self.windings, np.int64))
-        object.__setattr__(self, "control", frozen_array(self.control))
-        if not self.radius > 0:
-            raise ValueError(f"the goal's radius must be positive, got {self.radius}")
-
-
-@dataclass(frozen=True, eq=False)
-class Modes:
-    """The families into which optimal trajectories fall: their names, and how to tell one."""
-
-    names: tuple[str, ...]
-    classify: Classify
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-
-def _single_mode(
-    problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array
-) -> NDArray[np.int64]:
-    return np.zeros(len(trajectory), dtype=np.int64)
-
-
-def winding_modes(names: Sequence[str]) -> Modes:
-    """One mode for each winding of the goal: the target nearest to the final state."""
-
-    def classify(
-        problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array
-    ) -> NDArray[np.int64]:
-        distance = np.abs(trajectory.states[:, -1, None, :] - problem.targets).sum(axis=-1)
-        return np.asarray(distance.argmin(axis=1), dtype=np.int64)
-
-    return Modes(tuple(names), classify)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +87,7 @@ class OptimalControlProblem:
     time_limit: float
     rest: Array | None = None
     clearance: Clearance | None = None
-    modes: Modes = Modes(("all",), _single_mode)
+    modes: Modes = SINGLE_MODE
     picture: Picture | None = None
     free: OptimalControlProblem | None = None
     longest_substep: float = 0.02
@@ -196,6 +141,14 @@ class OptimalControlProblem:
     def flat_size(self) -> int:
         """Length of a flat trajectory."""
         return flat_size(self.knots, self.system.nx, self.system.nu)
+
+    def unflatten(self, z: ArrayLike) -> Trajectory:
+        """The trajectories of this problem in the flat layout ``z``, (B, flat_size) or (flat_size,).
+
+        Raises:
+            ValueError: another length.
+        """
+        return Trajectory.from_flat(z, self.knots, self.system.nx, self.system.nu)
 
     @cached_property
     def context(self) -> Box:
@@ -368,12 +321,7 @@ class OptimalControlProblem:
         rounded to six digits: equal for equal mathematics, whatever the version of CasADi wrote it down.
         """
         generator = np.random.Generator(np.random.Philox(key=20190622))
-        points = 16
-
-        def draw(box: Box) -> Array:
-            return box.lower + generator.random((points, len(box))) * (box.upper - box.lower)
-
-        x, u, s = draw(self.system.state), draw(self.system.control), draw(self.context)
+        x, u, s = (box.draw(generator, 16) for box in (self.system.state, self.system.control, self.context))
         values = [*self.batch_rate()(x, u, s)]
         if self.n_clearances:
             values += self.batch_clearances()(x, s)

@@ -80,7 +80,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Box:
-    """The box spanned by a vector of coordinates: ``lower`` and ``upper`` of shape (n,)."""
+    """The box spanned by ``coordinates``: ``lower``, ``upper``, ``width`` and ``centre`` of shape (n,)."""
 
     coordinates: tuple[Coordinate, ...]
 
@@ -105,6 +105,14 @@ class Box:
         return frozen_array([c.upper for c in self.coordinates])
 
     @cached_property
+    def width(self) -> Array:
+        return frozen_array(self.upper - self.lower)
+
+    @cached_property
+    def centre(self) -> Array:
+        return frozen_array((self.upper + self.lower) / 2)
+
+    @cached_property
     def scale(self) -> Array:
         return frozen_array([c.scale for c in self.coordinates])
 
@@ -115,9 +123,13 @@ class Box:
 
     def contains(self, values: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
         """Whether each row of ``values`` (..., n) is in the box widened by ``tolerance`` × its width (NaN never is)."""
-        margin = tolerance * (self.upper - self.lower)
+        margin = tolerance * self.width
         inside = (values >= self.lower - margin) & (values <= self.upper + margin)
         return np.asarray(inside.all(axis=-1))
+
+    def draw(self, rng: np.random.Generator, n: int) -> Array:
+        """``n`` points uniform in the box, (n, len), drawn from ``rng`` row by row."""
+        return self.lower + rng.random((n, len(self))) * self.width
 
 
 @dataclass(frozen=True, eq=False)

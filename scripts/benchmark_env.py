@@ -85,7 +85,7 @@ def tick_error(problem: OptimalControlProblem, substeps: int, share: float) -> d
     rng = np.random.default_rng(SEED)
 
     def draw(box: Box) -> Array:
-        middle, half = (box.lower + box.upper) / 2, (box.upper - box.lower) / 2
+        middle, half = box.centre, box.width / 2
         return middle + share * half * rng.uniform(-1, 1, (SAMPLES, len(box)))
 
     x, u, s = (draw(box) for box in (problem.system.state, problem.system.control, problem.context))

@@ -101,7 +101,7 @@ def warm_starts(
     problem: OptimalControlProblem, solve: Solve, parameters: Array, size: int, seed: int
 ) -> dict[str, Trajectory]:
     """For every winding of every parameter, what ``size`` solved problems say: the nearest one, and a fit."""
-    count, width = len(problem.targets), problem.parameters.upper - problem.parameters.lower
+    count, width = len(problem.targets), problem.parameters.width
     stored, windings = draw(problem, size, seed)
     start = guesses(problem, stored, windings, np.random.default_rng(seed), "line")
     solutions = solve(stored, start, windings)

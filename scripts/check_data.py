@@ -42,7 +42,6 @@ from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
 TOLERANCE = 1e-3
@@ -160,11 +159,10 @@ def compare(ours: Array, costs: Array, cases: Array, targets: Array, tolerance: 
 def check_database(database: Database) -> dict[str, int]:
     """The independent check of every trajectory of a database, winners and others."""
     problem = database.problem
-    sizes = problem.knots, problem.system.nx, problem.system.nu
     trajectories = failing = 0
     for where, rows in database.blocks():
         row, mode = np.nonzero(np.isfinite(rows.cost) & (rows.status == Status.SOLVED)[:, None])
-        trajectory = Trajectory.from_flat(rows.z[row, mode], *sizes)
+        trajectory = problem.unflatten(rows.z[row, mode])
         parameters = database.stored_parameters(where)[row]
         passed = verify(problem, parameters, trajectory, rows.cost[row, mode]).passed
         trajectories, failing = trajectories + len(row), failing + int((~passed).sum())

@@ -44,7 +44,6 @@ from ocp_envs.sets import reference
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance, write_json
-from ocp_envs.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
 DT = 0.02
@@ -77,7 +76,7 @@ def work(env_id: str, starts: Array, flat: Array, arguments: Mapping[str, Any], 
     torch.set_num_threads(1)  # the networks are far too small for more
     began = time.process_time()
     problem = ocp_envs.load(env_id)
-    optimal = Trajectory.from_flat(flat, problem.knots, problem.system.nx, problem.system.nu)
+    optimal = problem.unflatten(flat)
     everyone = [Method("optimal", StoredPlans(starts, optimal)), *methods(problem)]
     rows = run_level(problem, everyone, starts, arguments, seed=seed, dt=DT)
     write_json(path, {"arguments": arguments, "rows": rows, "cpu_seconds": time.process_time() - began})

@@ -9,8 +9,7 @@ import numpy as np
 
 import moe_policy
 import ocp_envs
-from ocp_envs.problem import Goal, OptimalControlProblem, winding_modes
-from ocp_envs.system import Box, Coordinate, System
+from ocp_envs import Box, Coordinate, Goal, OptimalControlProblem, System, winding_modes
 
 
 # 1. The system, in CasADi expressions: ẋ = f(x, u, constants). Equations and constants are those of Kelly, "An

@@ -3,7 +3,8 @@
 import casadi as ca
 import numpy as np
 
-from ocp_envs.problem import Goal, OptimalControlProblem
+from ocp_envs.goal import Goal
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.system import Box, Coordinate, System
 
 #: ẍ = u with |u| ≤ 1 to the origin, L = 1 + u²/2.

@@ -23,7 +23,7 @@ def fake_samples(count: int = 400, seed: int = 0, jump: float = 2 * np.pi, modes
     """Straight lines from the start to a goal that depends on the angle: mode i ends ``jump`` above mode i−1."""
     rng = np.random.default_rng(seed)
     box = PENDULUM.parameters
-    p = box.lower + rng.random((count, 2)) * (box.upper - box.lower)
+    p = box.draw(rng, count)
     mode = np.minimum((p[:, 0] / (2 * np.pi) * modes).astype(np.int64), modes - 1)
     progress = np.linspace(0, 1, PENDULUM.knots)[:, None]
     goal = np.stack([np.pi + jump * (mode - 1), np.zeros(count)], axis=1)

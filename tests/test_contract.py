@@ -45,7 +45,7 @@ def test_a_declared_symmetry_is_one(problem):
     rng, symmetry = np.random.default_rng(0), problem.symmetry
 
     def draw(box):
-        return box.lower + rng.random((200, len(box))) * (box.upper - box.lower)
+        return box.draw(rng, 200)
 
     x, u, s = draw(problem.system.state), draw(problem.system.control), draw(problem.context)
     images = symmetry.states(x), symmetry.controls(u), symmetry.contexts(s)

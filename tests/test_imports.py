@@ -19,7 +19,7 @@ PACKAGES = ("ocp_envs", "moe_policy")
 #: the root of ``ocp_envs``, the protocols and the store at that of ``moe_policy``, and the two packages' public names.
 WINGS = {
     "ocp_envs.support": None,
-    "declaration": ("system", "trajectory", "symmetry", "picture", "problem", "tables"),
+    "declaration": ("system", "trajectory", "symmetry", "picture", "goal", "problem", "tables"),
     "ocp_envs.problems": None,
     "ocp_envs.render": None,
     "ocp_envs.envs": None,

@@ -128,7 +128,7 @@ def nearest_control(wanted: Array, metric: Array, box: Box) -> Array:
         for i in range(len(box)):
             slope = (h[:, i] * (u - target)).sum(axis=1)
             u[:, i] = np.clip(u[:, i] - slope / h[:, i, i], box.lower[i], box.upper[i])
-        if (np.abs(u - before) <= _SETTLED * (box.upper - box.lower)).all():
+        if (np.abs(u - before) <= _SETTLED * box.width).all():
             break
     nearest[rows] = u
     return nearest
@@ -226,5 +226,5 @@ class Regulator:
     def _control_weights(self, controls: Array) -> Array:
         """Diagonals of R_k for plans with ``controls`` (B, T, nu), of the same shape."""
         box = self.problem.system.control
-        share = 2 * np.minimum(controls - box.lower, box.upper - controls) / (box.upper - box.lower)
+        share = 2 * np.minimum(controls - box.lower, box.upper - controls) / box.width
         return np.asarray(self.weights.control / np.maximum(share, self.weights.room) ** 2)

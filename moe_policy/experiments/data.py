@@ -20,7 +20,6 @@ from ocp_envs.solvers.accuracy import Accuracy, accuracy
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array, Ints
-from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -117,7 +116,6 @@ class Contents:
 def contents(database: Database) -> Contents:
     """The statistics of ``database``, every stored trajectory checked anew; some thousand problems are in memory."""
     problem, modes = database.problem, len(database.problem.modes)
-    sizes = problem.knots, problem.system.nx, problem.system.nu
     failing = misfiled = killed = 0
     modes_found, best = np.zeros(modes + 1, np.int64), np.zeros(modes, np.int64)
     found, statuses, gaps = best.copy(), np.zeros(len(Status), np.int64), [np.empty(0)]
@@ -125,7 +123,7 @@ def contents(database: Database) -> Contents:
         there = rows.status != MISSING  # an interrupted chunk has costs, but does not count
         full = (rows.slot_status == Status.SOLVED) & there[:, None]
         row, mode = np.nonzero(full)
-        trajectory = Trajectory.from_flat(rows.z[row, mode], *sizes)
+        trajectory = problem.unflatten(rows.z[row, mode])
         parameters = database.stored_parameters(where)[row]
         failing += int((~verify(problem, parameters, trajectory, rows.cost[row, mode]).passed).sum())
         filed = problem.modes.classify(problem, parameters, trajectory, rows.multipliers[row, mode])

@@ -244,7 +244,7 @@ def _nearest(training: Samples, cases: Samples, neighbours: int) -> tuple[NDArra
         +inf where there is none, (B,).
     """
     box = cases.problem.parameters
-    width = box.upper - box.lower
+    width = box.width
     rows = np.full((len(cases), neighbours), -1, dtype=np.int64)
     distance = np.full(len(cases), np.inf)
     for mode in np.unique(cases.mode):

@@ -135,7 +135,7 @@ def solve_all(
             flat[lost] = found.flat()
             if path is not None:
                 _write(path, flat, costs)
-        return Trajectory.from_flat(flat, problem.knots, problem.system.nx, problem.system.nu), costs
+        return problem.unflatten(flat), costs
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         shares = range(0, len(p), SHARE)

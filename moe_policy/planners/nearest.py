@@ -27,7 +27,7 @@ class NearestPlanner:
         samples = samples_of(database)
         self.problem, self.name = samples.problem, name
         self.parameters, self.trajectory, self.mode = samples.parameters, samples.trajectory, samples.mode
-        self._width = self.problem.parameters.upper - self.problem.parameters.lower
+        self._width = self.problem.parameters.width
         self._tree = cKDTree(self.parameters / self._width)
 
     def samples(self) -> Samples:
@@ -67,7 +67,7 @@ class NearestPlanner:
 
 def read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlanner:
     """The planner that :meth:`NearestPlanner.save` wrote."""
-    system, parameters = problem.system, file.tensors["parameters"]
-    trajectory = Trajectory.from_flat(file.tensors["trajectories"], problem.knots, system.nx, system.nu)
+    parameters = file.tensors["parameters"]
+    trajectory = problem.unflatten(file.tensors["trajectories"])
     stored = Samples.of(problem, parameters, trajectory, file.tensors["modes"])
     return NearestPlanner(stored, file.description["name"])

@@ -84,8 +84,7 @@ class NetworkPlanner:
 
     def _trajectory(self, outputs: torch.Tensor) -> Trajectory:
         flat = self.outputs.unscale(outputs.numpy())
-        system = self.problem.system
-        return Trajectory.from_flat(flat, self.problem.knots, system.nx, system.nu)
+        return self.problem.unflatten(flat)
 
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters (B, np) or (np,), a batch of B or of one.

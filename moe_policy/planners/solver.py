@@ -89,9 +89,9 @@ class SolverPlanner:
         if not len(lost):
             return trajectory, cost
         again, cost[lost] = self._best(checked[lost], ["line", *usual], retry_with_fallback=True)
-        merged, system = trajectory.flat(), self.problem.system
+        merged = trajectory.flat()
         merged[lost] = again.flat()
-        return Trajectory.from_flat(merged, self.problem.knots, system.nx, system.nu), cost
+        return self.problem.unflatten(merged), cost
 
     def _best(self, checked: Array, kinds: list[GuessKind], retry_with_fallback: bool) -> tuple[Trajectory, Array]:
         rows, guess, windings = self._guesses(checked, kinds)

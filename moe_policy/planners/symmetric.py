@@ -45,4 +45,4 @@ class Symmetrised:
         apart = np.abs(plan.states - other.states) / problem.system.state.scale
         agree = apart.max(axis=(1, 2)) < AGREEMENT
         mean = np.where(agree[:, None], (plan.flat() + other.flat()) / 2, plan.flat())
-        return Trajectory.from_flat(mean, problem.knots, problem.system.nx, problem.system.nu)
+        return problem.unflatten(mean)

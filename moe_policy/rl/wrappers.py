@@ -39,7 +39,7 @@ class Features:
         self._frequency = 2 * np.pi / state.periods[self._angles]
         self._linear = np.concatenate([np.flatnonzero(state.periods == 0), len(state) + np.arange(len(context))])
         middle = np.concatenate([np.zeros(len(state)), (context.lower + context.upper) / 2])
-        scale = np.concatenate([state.scale, (context.upper - context.lower) / 2])
+        scale = np.concatenate([state.scale, context.width / 2])
         self._middle, self._scale = middle[self._linear], scale[self._linear]
         lower = np.concatenate([state.lower, context.lower])[self._linear]
         upper = np.concatenate([state.upper, context.upper])[self._linear]
@@ -69,7 +69,7 @@ class Actions:
 
     def __init__(self, problem: OptimalControlProblem) -> None:
         box = problem.system.control
-        self._lower, self._half = box.lower, (box.upper - box.lower) / 2
+        self._lower, self._half = box.lower, box.width / 2
         self.space = gym.spaces.Box(-1.0, 1.0, (len(box),), dtype=np.float32)
 
     def controls(self, actions: ArrayLike) -> NDArray[np.float64]:

@@ -36,7 +36,6 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support import scratch
 from ocp_envs.support.arrays import Array
-from ocp_envs.trajectory import Trajectory
 
 FORMAT = "ocp-moe database"
 VERSION = 1
@@ -316,7 +315,7 @@ class Database:
         index = self.solved(wanted)
         cost = self.costs()[index]
         mode = np.asarray(cost.argmin(axis=1), dtype=np.int64)
-        problem, system, place = self.problem, self.problem.system, self._rank[index]
+        problem, place = self.problem, self._rank[index]
         z = scratch.empty((len(index), problem.flat_size))
         multipliers = np.empty((len(index), problem.knots, problem.n_clearances))
         for wanted_here, at, block in self._blocks_of(place):
@@ -325,7 +324,7 @@ class Database:
         return Samples(
             problem=problem,
             parameters=self.parameters[index],
-            trajectory=Trajectory.from_flat(z, problem.knots, system.nx, system.nu),
+            trajectory=problem.unflatten(z),
             cost=cost[np.arange(len(index)), mode],
             mode=mode,
             multipliers=multipliers,

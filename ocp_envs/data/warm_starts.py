@@ -30,7 +30,7 @@ class Library:
 
     def __init__(self, database: Database, count: int) -> None:
         box = database.problem.parameters
-        self._width = box.upper - box.lower
+        self._width = box.width
         parameters = database.stored_parameters(slice(0, count)) / self._width
         self._tree = cKDTree(parameters)
         costs: list[Array] = []

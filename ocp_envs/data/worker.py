@@ -92,7 +92,7 @@ def solve_chunk(task: Chunk) -> Rows:
 
 def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
     """Neighbours' solutions, or a fit through them, as guesses in the boxes; the first state is the problem's own."""
-    guess = Trajectory.from_flat(z, problem.knots, problem.system.nx, problem.system.nu)
+    guess = problem.unflatten(z)
     boxes = problem.system.state, problem.system.control
     states, controls = (np.clip(a, b.lower, b.upper) for a, b in zip((guess.states, guess.controls), boxes))
     states[:, 0] = problem.start(parameters)[0]

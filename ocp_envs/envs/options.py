@@ -124,8 +124,7 @@ class Settings:
         if self.problem.free is not None:
             table = starts(self.problem)
             return np.array(table[generator.integers(len(table))])
-        box = self.problem.parameters
-        return box.lower + generator.random(len(box)) * (box.upper - box.lower)
+        return self.problem.parameters.draw(generator, 1)[0]
 
     def check_options(self, options: Mapping[str, Any] | None, *more: str) -> Mapping[str, Any]:
         """``options`` of a reset, which knows ``parameters``, ``extrapolate`` and ``more``, and refuses the rest."""

@@ -20,8 +20,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ocp_envs.goal import Goal, winding_modes
 from ocp_envs.picture import Ball, Line, Picture, Shape
-from ocp_envs.problem import Goal, OptimalControlProblem, winding_modes
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.system import Box, Coordinate, System
 

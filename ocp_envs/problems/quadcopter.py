@@ -32,8 +32,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ocp_envs.goal import Goal, Modes
 from ocp_envs.picture import Ball, Face, Line, Picture, Shape, disc
-from ocp_envs.problem import Goal, Modes, OptimalControlProblem
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.symmetry import Symmetry
 from ocp_envs.system import Box, Coordinate, System

@@ -20,8 +20,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ocp_envs.goal import Goal, Modes, winding_modes
 from ocp_envs.picture import Line, Picture, Shape
-from ocp_envs.problem import Goal, Modes, OptimalControlProblem, winding_modes
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.system import Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory

@@ -185,7 +185,7 @@ def distance(first: Array, second: Array) -> Array:
 
 def width(free: OptimalControlProblem) -> Array:
     """Width of the parameter box."""
-    return free.parameters.upper - free.parameters.lower
+    return free.parameters.width
 
 
 @lru_cache(maxsize=8)

@@ -43,7 +43,7 @@ def excess(problem: OptimalControlProblem, p: Array) -> Array:
     chosen, box = open_coordinates(problem), problem.parameters
     if not chosen.any():
         raise ValueError(f"{problem.id}: every parameter covers a whole turn, so that nothing lies outside")
-    centre, half = (box.upper + box.lower) / 2, (box.upper - box.lower) / 2
+    centre, half = box.centre, box.width / 2
     return np.asarray((np.abs(p - centre) / half - 1)[:, chosen].max(axis=1))
 
 

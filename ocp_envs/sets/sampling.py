@@ -14,7 +14,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import cloudpickle
 import numpy as np
@@ -51,7 +50,7 @@ def sample(problem: OptimalControlProblem, seed: int, n: int, *, workers: int | 
         raise ValueError(f"expected seed ≥ 0 and n ≥ 0, got {seed} and {n}")
     if problem.free is None:
         # Philox is counter-based: the rows of a longer draw begin with those of a shorter one.
-        return _scale(problem.parameters, np.random.Generator(np.random.Philox(key=seed)).random, n)
+        return problem.parameters.draw(np.random.Generator(np.random.Philox(key=seed)), n)
     bounds = [(begin, min(begin + _CHUNK, n)) for begin in range(0, n, _CHUNK)]
     count = min(workers or os.cpu_count() or 1, len(bounds))
     if count <= 1:
@@ -63,10 +62,6 @@ def sample(problem: OptimalControlProblem, seed: int, n: int, *, workers: int | 
             futures = [pool.submit(_draw, payload, seed, *rows) for rows in bounds]
             parts = [future.result() for future in futures]
     return np.concatenate([*parts, np.empty((0, len(problem.parameters)))])
-
-
-def _scale(box: Any, random: Any, n: int) -> Array:
-    return np.asarray(box.lower + random((n, len(box))) * (box.upper - box.lower))
 
 
 def _draw(payload: bytes, seed: int, begin: int, end: int) -> Array:
@@ -124,7 +119,7 @@ class Conditioned:
         rows, (own, _) = np.arange(begin, end), self._columns
         box = self.problem.parameters
         unit = np.array([self._stream(row).random(len(own)) for row in rows.tolist()])
-        free = box.lower[own] + unit * (box.upper - box.lower)[own]
+        free = box.lower[own] + unit * box.width[own]
         p, unsure = np.empty((len(rows), len(box))), np.ones(len(rows), bool)
         if self.table is not None:
             paths, difference = self.table(free)
@@ -151,7 +146,7 @@ class Conditioned:
     def _first(self, row: int, free: Array, path: Array, tolerance: float) -> Array | None:
         """The first draw of a row that is accepted; ``None`` where one before it is too close to call."""
         problem, (own, others) = self.problem, self._columns
-        lower, width = problem.parameters.lower[others], (problem.parameters.upper - problem.parameters.lower)[others]
+        lower, width = problem.parameters.lower[others], problem.parameters.width[others]
         stream, drawn, count = self._stream(row), 0, _FIRST_DRAWS
         stream.random(len(own))  # the free problem's
         ends = self._ends(free)

@@ -202,7 +202,7 @@ def test_the_weights_of_controls_grow_near_their_bounds():
     box = QUADCOPTER.system.control
     weights = TrackingWeights.uniform(QUADCOPTER, 1.0, 3.0, room=0.1)
     regulator = Regulator(QUADCOPTER, DT, weights)
-    middle, near, at = (box.lower + box.upper) / 2, box.lower + 0.8, box.upper
+    middle, near, at = box.centre, box.lower + 0.8, box.upper
     found = regulator._control_weights(np.stack([middle, near, at])[None])
     np.testing.assert_allclose(found[0], np.outer([3.0, 3.0 / 0.4**2, 3.0 / 0.1**2], np.ones(4)))
     constant = Regulator(QUADCOPTER, DT, TrackingWeights.uniform(QUADCOPTER, 1.0, 3.0))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ocp_envs.data.database import Database, DatabaseError, Rows
-from ocp_envs.problem import winding_modes
+from ocp_envs.goal import winding_modes
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
 from ocp_envs.solvers.nlp import Status

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocp_envs.problem import Goal, OptimalControlProblem, OutsideBoxError
+from ocp_envs.goal import Goal
+from ocp_envs.problem import OptimalControlProblem, OutsideBoxError
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import HOVER_THRUST, QUADCOPTER, QUADCOPTER_OBSTACLE
@@ -29,6 +30,16 @@ def test_start_and_parameters_are_inverses(problem):
     assert states.shape == (20, problem.system.nx)
     assert contexts.shape == (20, len(problem.context))
     np.testing.assert_array_equal(problem.parameters_of(states, contexts), p)
+
+
+@every_problem
+def test_flat_trajectories_come_back(problem):
+    z = np.random.default_rng(5).normal(size=(3, problem.flat_size))
+    trajectory = problem.unflatten(z)
+    assert trajectory.states.shape == (3, problem.knots, problem.system.nx)
+    np.testing.assert_array_equal(trajectory.flat(), z)
+    with pytest.raises(ValueError, match="flat trajectories"):
+        problem.unflatten(z[:, :-1])
 
 
 @every_problem

@@ -23,7 +23,7 @@ def mirrored(p):
 def random_plans(seed, count, size=1.0):
     rng, problem = np.random.default_rng(seed), QUADCOPTER_OBSTACLE
     flat = size * rng.standard_normal((count, problem.flat_size))
-    return Trajectory.from_flat(flat, problem.knots, problem.system.nx, problem.system.nu)
+    return problem.unflatten(flat)
 
 
 class Table:

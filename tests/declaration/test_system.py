@@ -82,3 +82,13 @@ def test_a_box_contains_its_bounds_and_no_nan():
     assert not box.contains(np.array([np.nan, 0.0]))
     assert not box.contains(box.upper + 1e-3)
     assert box.contains(box.upper + 1e-3, tolerance=1e-2)
+
+
+def test_draws_from_a_box_are_uniform_and_longer_ones_begin_with_shorter_ones():
+    box = Box((Coordinate("a", -1.0, 3.0), Coordinate("b", 2.0, 2.5)))
+    np.testing.assert_array_equal([box.width, box.centre], [[4.0, 0.5], [1.0, 2.25]])
+    draws = box.draw(np.random.default_rng(3), 4_000)
+    assert box.contains(draws).all()
+    np.testing.assert_allclose((draws.mean(axis=0) - box.centre) / box.width, 0, atol=5 / np.sqrt(12 * len(draws)))
+    np.testing.assert_allclose(draws.std(axis=0) / box.width, 1 / np.sqrt(12), rtol=0.05)
+    np.testing.assert_array_equal(box.draw(np.random.default_rng(3), 7), draws[:7])

@@ -162,7 +162,7 @@ def test_reset_draws_uniformly_and_by_seed():
     assert not np.array_equal(env.reset()[0], env.reset()[0])
     draws = np.array([env.reset()[1]["parameters"] for _ in range(2000)])
     box = PENDULUM.parameters
-    unit = (draws - box.lower) / (box.upper - box.lower)
+    unit = (draws - box.lower) / box.width
     assert (unit >= 0).all()
     assert (unit <= 1).all()
     # Kolmogorov-Smirnov at a level of 1e-4: sup |F_n − F| < 2.2 / √n

@@ -19,7 +19,7 @@ each_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
 
 def draw(box, rows, seed, share=1.0):
     """Uniform in the middle ``share`` of a box."""
-    centre, half = (box.lower + box.upper) / 2, (box.upper - box.lower) / 2
+    centre, half = box.centre, box.width / 2
     return centre + share * half * np.random.default_rng(seed).uniform(-1, 1, (rows, len(box)))
 
 

@@ -16,7 +16,7 @@ from scipy.linalg import expm
 from moe_policy.experiments.data import accuracy_of, contents, data_figure
 from moe_policy.experiments.tables import COLORS, STYLE
 from ocp_envs.data.database import Database, Rows
-from ocp_envs.problem import Modes
+from ocp_envs.goal import Modes
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.problems.vehicle import VEHICLE

@@ -25,7 +25,7 @@ from moe_policy.planners.scaling import Standardizer
 from ocp_envs import problems
 from ocp_envs.data.database import Database, Rows
 from ocp_envs.data.samples import Samples
-from ocp_envs.problem import Modes
+from ocp_envs.goal import Modes
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.trajectory import Trajectory
 from tests.small_problems import DOUBLE_INTEGRATOR, rest_to_rest

@@ -23,7 +23,7 @@ def vehicle_samples(modes, seed=0):
     """Straight drives to the winding of each mode, with the sign of the speed of its direction."""
     modes = np.asarray(modes, dtype=np.int64)
     box = VEHICLE.parameters
-    p = box.lower + np.random.default_rng(seed).random((len(modes), 4)) * (box.upper - box.lower)
+    p = box.draw(np.random.default_rng(seed), len(modes))
     p[:, 3] = np.where(modes % 2 == 1, 1.0, -1.0)
     progress = np.linspace(0, 1, VEHICLE.knots)[:, None]
     states = p[:, None] * (1 - progress) + VEHICLE.targets[modes // 2][:, None] * progress

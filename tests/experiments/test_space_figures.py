@@ -30,7 +30,7 @@ def straight(p):
 
 def samples_of(problem, count, seed=0):
     box = problem.parameters
-    p = box.lower + np.random.default_rng(seed).random((count, len(box))) * (box.upper - box.lower)
+    p = box.draw(np.random.default_rng(seed), count)
     return Samples.of(problem, p, straight(p), np.arange(count) % len(problem.modes.names))
 
 
@@ -207,7 +207,7 @@ def test_the_selection_of_samples_depends_on_the_seed_alone(drawn):
 
 def test_the_nearest_samples_are_drawn_in_the_colour_of_their_cluster(drawn):
     centre = np.array([8, 8, 8, 4, 4, 4, 3.0])
-    width = QUADCOPTER_OBSTACLE.parameters.upper - QUADCOPTER_OBSTACLE.parameters.lower
+    width = QUADCOPTER_OBSTACLE.parameters.width
     near, far = centre - 0.02 * width * np.eye(7), centre - 0.3 * width * np.eye(7)
     p = np.concatenate([far, near])
     samples = Samples.of(QUADCOPTER_OBSTACLE, p, straight(p), np.array([0] * 7 + [1] * 4 + [2] * 3))

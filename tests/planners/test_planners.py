@@ -88,8 +88,8 @@ def test_parameter_counts():
 
 
 def test_nearest_is_nearest_by_search():
-    p = BOX.lower + np.random.default_rng(1).random((40, 2)) * (BOX.upper - BOX.lower)
-    distance = np.linalg.norm((p[:, None] - SAMPLES.parameters) / (BOX.upper - BOX.lower), axis=2)
+    p = BOX.draw(np.random.default_rng(1), 40)
+    distance = np.linalg.norm((p[:, None] - SAMPLES.parameters) / BOX.width, axis=2)
     np.testing.assert_array_equal(NEAREST.neighbours(p, 4), distance.argsort(axis=1)[:, :4])
     np.testing.assert_array_equal(NEAREST(p).flat(), SAMPLES.trajectory.flat()[distance.argmin(axis=1)])
     with pytest.raises(ValueError, match="1 … 150"):

@@ -18,7 +18,7 @@ def draw(rows=ROWS, share=1.0, seed=0):
     """States and controls in the middle ``share`` of their boxes."""
     rng = np.random.default_rng(seed)
     boxes = QUADCOPTER.system.state, QUADCOPTER.system.control
-    centres = [(box.lower + box.upper) / 2 for box in boxes]
+    centres = [box.centre for box in boxes]
     return [
         centre + share * (box.upper - centre) * rng.uniform(-1, 1, (rows, len(box)))
         for box, centre in zip(boxes, centres)

@@ -17,7 +17,7 @@ from moe_policy.rl.settings import PPOSettings, SACSettings, TQCSettings
 from moe_policy.rl.training import figures_of, train, training_env
 from moe_policy.rl.wrappers import Features
 from moe_policy.rollouts.rollout import rollout
-from ocp_envs.problem import Goal
+from ocp_envs.goal import Goal
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.system import Box, Coordinate
@@ -40,7 +40,7 @@ def random_policy(**arguments):
 
 def observations(count, seed=0):
     box = PENDULUM.system.state
-    return (box.lower + np.random.default_rng(seed).random((count, 2)) * (box.upper - box.lower)).astype(np.float32)
+    return box.draw(np.random.default_rng(seed), count).astype(np.float32)
 
 
 # -- the actor ---------------------------------------------------------------------------------------------------------

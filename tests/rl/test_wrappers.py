@@ -49,7 +49,7 @@ def test_features_of_the_pendulum_are_sine_cosine_and_scaled_rate(theta, omega, 
 def test_features_scale_states_by_their_size_and_context_by_its_box():
     problem = QUADCOPTER_OBSTACLE
     rng = np.random.default_rng(0)
-    state = problem.system.state.lower + rng.random((5, 12)) * (problem.system.state.upper - problem.system.state.lower)
+    state = problem.system.state.draw(rng, 5)
     context = np.array([[-10.0, 0.0, 10.0, 1.0]] * 4 + [[5.0, 5.0, 5.0, 5.0]])
     values = Features(problem)(np.hstack([state, context]))
     assert values.shape == (5, 17)

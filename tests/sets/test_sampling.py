@@ -35,7 +35,7 @@ def test_a_sample_depends_on_seed_and_index_alone():
 def test_samples_are_uniform_on_the_box():
     p, box = sample(PENDULUM, 0, 20_000), PENDULUM.parameters
     assert box.contains(p).all()
-    unit = (p - box.lower) / (box.upper - box.lower)
+    unit = (p - box.lower) / box.width
     # Five standard errors of mean, second moment and correlation of a uniform variable.
     np.testing.assert_allclose(unit.mean(axis=0), 1 / 2, atol=5 / np.sqrt(12 * len(p)))
     np.testing.assert_allclose((unit**2).mean(axis=0), 1 / 3, atol=5 * np.sqrt(4 / 45 / len(p)))
@@ -198,7 +198,7 @@ def test_the_starts_are_drawn_as_the_sets_are_and_share_nothing_with_them():
     assert len(np.unique(starts, axis=0)) == len(starts)
     assert 303 not in {split.seed for split in splits_of(QUADCOPTER_OBSTACLE).values()}
     np.testing.assert_allclose(starts[:20], sample(QUADCOPTER_OBSTACLE, 303, 20), rtol=1e-12)
-    unit = ((starts - box.lower) / (box.upper - box.lower))[:, :3]  # these alone are uniform
+    unit = ((starts - box.lower) / box.width)[:, :3]  # these alone are uniform
     np.testing.assert_allclose(unit.mean(axis=0), 1 / 2, atol=5 / np.sqrt(12 * len(unit)))
     np.testing.assert_allclose((unit**2).mean(axis=0), 1 / 3, atol=5 * np.sqrt(4 / 45 / len(unit)))
 

@@ -5,7 +5,8 @@ import pytest
 from scipy.optimize import minimize_scalar
 
 import ocp_envs.solvers.compilation
-from ocp_envs.problem import Goal, OptimalControlProblem, OutsideBoxError
+from ocp_envs.goal import Goal
+from ocp_envs.problem import OptimalControlProblem, OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.solvers.check import verify

@@ -16,15 +16,13 @@ RNG = np.random.default_rng(7)
 
 
 def draw(problem, size, rng=RNG):
-    return problem.parameters.lower + rng.random((size, len(problem.parameters))) * (
-        problem.parameters.upper - problem.parameters.lower
-    )
+    return problem.parameters.draw(rng, size)
 
 
 def random_plans(problem, size):
     """Trajectories with arbitrary values around the goal: nothing about them is consistent."""
     x, u = problem.system.state, problem.system.control
-    near = problem.goal.state + 0.2 * (RNG.random((size, problem.knots, len(x))) - 0.5) * (x.upper - x.lower)
+    near = problem.goal.state + 0.2 * (RNG.random((size, problem.knots, len(x))) - 0.5) * x.width
     controls = problem.goal.control + RNG.uniform(-1, 1, (size, problem.knots - 1, len(u))) * u.scale
     return Trajectory(near, controls, RNG.uniform(*problem.duration, size))
 

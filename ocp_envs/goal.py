@@ -1,0 +1,80 @@
+"""Where a trajectory has to end, and the families into which optimal trajectories fall."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocp_envs.support.arrays import Array, Ints, frozen_array
+from ocp_envs.trajectory import Trajectory
+
+#: (problem, parameters (B, np), B trajectories, multipliers of the clearances at the knots (B, N, nh)) → family of each
+#: trajectory, (B,). The problem is an :class:`~ocp_envs.problem.OptimalControlProblem`, which imports this module.
+Classify = Callable[[Any, Array, Trajectory, Array], Ints]
+
+
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """The goal ball.
+
+    Args:
+        state: centre of the ball, (nx,), each component in the unit of its coordinate.
+        radius: the ball is ‖x − state‖ < radius, the shortest difference being taken in periodic coordinates.
+        windings: whole turns added to the periodic coordinates of the goal, (W, nx); the solver tries each row.
+        control: control that keeps the system at the goal, (nu,).
+
+    Raises:
+        ValueError: a radius that is not positive.
+    """
+
+    state: Array
+    radius: float
+    windings: Ints
+    control: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "state", frozen_array(self.state))
+        object.__setattr__(self, "windings", frozen_array(self.windings, np.int64))
+        object.__setattr__(self, "control", frozen_array(self.control))
+        if not self.radius > 0:
+            raise ValueError(f"the goal's radius must be positive, got {self.radius}")
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The families into which the optimal trajectories of a problem fall.
+
+    Args:
+        names: one name for each family.
+        classify: assigns trajectories to families, see :data:`Classify`.
+    """
+
+    names: tuple[str, ...]
+    classify: Classify
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+
+def _all_in_one(problem: Any, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Ints:
+    return np.zeros(len(trajectory), dtype=np.int64)
+
+
+SINGLE_MODE = Modes(("all",), _all_in_one)
+
+
+def winding_modes(names: Sequence[str]) -> Modes:
+    """One family for each winding of the goal: that of the target nearest to the final state.
+
+    Args:
+        names: one for each row of ``goal.windings``.
+    """
+
+    def classify(problem: Any, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Ints:
+        distance = np.abs(trajectory.states[:, -1, None, :] - problem.targets).sum(axis=-1)
+        return np.asarray(distance.argmin(axis=1), dtype=np.int64)
+
+    return Modes(tuple(names), classify)
