@@ -23,7 +23,8 @@ import torch
 import ocp_envs
 from moe_policy.control.lqr import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, Method, run
+from moe_policy.experiments.comparison import COLUMNS, run
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.stored import StoredPlans

@@ -18,8 +18,9 @@ from tqdm import tqdm
 import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, Method, run
+from moe_policy.experiments.comparison import COLUMNS, run
 from moe_policy.experiments.figures.space import margins_figure
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.stored import StoredPlans

@@ -21,7 +21,8 @@ import moe_policy
 import ocp_envs
 from moe_policy.control.lqr import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, Method, run
+from moe_policy.experiments.comparison import COLUMNS, run
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.store import load_file

@@ -32,10 +32,10 @@ from moe_policy.experiments.budgets import (
     generation_record,
     planner_rows,
 )
-from moe_policy.experiments.comparison import Method, environments
+from moe_policy.experiments.comparison import environments
 from moe_policy.experiments.curves import learner_record, learner_runs
 from moe_policy.experiments.figures.budgets import budgets_figure
-from moe_policy.experiments.methods import solve_all
+from moe_policy.experiments.methods import Method, solve_all
 from moe_policy.experiments.tables import text_table
 from moe_policy.rl.training import figures_of
 from moe_policy.rollouts.rollout import rollout

@@ -20,14 +20,23 @@ import torch
 import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, Method, outcome, run
-from moe_policy.experiments.methods import optimal_planner, shipped, solutions, solve_all, stabiliser, steps, variants
+from moe_policy.experiments.comparison import COLUMNS, outcome, run
+from moe_policy.experiments.latency import time_planner
+from moe_policy.experiments.methods import (
+    Method,
+    optimal_planner,
+    shipped,
+    solutions,
+    solve_all,
+    stabiliser,
+    steps,
+    variants,
+)
 from moe_policy.experiments.tables import comparison_figure, text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.rl import training as baselines
-from moe_policy.rollouts.metrics import time_planner
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.splits import split_of, splits_of

@@ -32,9 +32,8 @@ import ocp_envs
 from moe_policy import store
 from moe_policy.control.lqr import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import Method
 from moe_policy.experiments.figures.robustness import robustness_figure
-from moe_policy.experiments.methods import shipped, solve_all, stabiliser
+from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
 from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.experiments.robustness import level_key, run_level
 from moe_policy.experiments.tables import Column, text_table

@@ -21,9 +21,9 @@ import numpy as np
 import torch
 
 import ocp_envs
-from moe_policy.experiments.comparison import Method, run
+from moe_policy.experiments.comparison import run
 from moe_policy.experiments.figures.splits import splits_figure
-from moe_policy.experiments.methods import shipped, solve_all, stabiliser
+from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
 from moe_policy.experiments.splits import BINNED, SPLIT_COLUMNS, SPLITS, curves, judged, separations
 from moe_policy.experiments.tables import text_table
 from moe_policy.planners.stored import StoredPlans

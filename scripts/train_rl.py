@@ -28,6 +28,7 @@ from tqdm import tqdm
 import ocp_envs
 from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark import benchmark_of
+from moe_policy.experiments.methods import Method
 from moe_policy.rl.settings import ALGORITHMS, RLSettings
 from moe_policy.rl.training import TrainingRun, train
 from moe_policy.store import SHIPPED
@@ -61,7 +62,7 @@ def read_search(path: Path) -> list[dict[str, Any]]:
 def judge(problem: OptimalControlProblem, run: TrainingRun) -> dict[str, Any]:
     """The chosen policy on the validation set."""
     parameters = reference.load(problem, "validation").parameters
-    row, _ = comparison.run(problem, comparison.Method("learner", run.policy), parameters, batches=())
+    row, _ = comparison.run(problem, Method("learner", run.policy), parameters, batches=())
     return {key: row[key] for key in ("reached", "success", "left_box")}
 
 

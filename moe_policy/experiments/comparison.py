@@ -8,17 +8,16 @@ the columns say how they are written.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from moe_policy.control.lqr import TrackingWeights
-from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
+from moe_policy.experiments.latency import time_planner
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import Column, Outcome, duration, share
 from moe_policy.learning.training import validation_error
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.protocols import Planner, Policy
 from moe_policy.rollouts.intervals import Proportion
-from moe_policy.rollouts.metrics import evaluate, time_planner
+from moe_policy.rollouts.metrics import evaluate
 from moe_policy.rollouts.rollout import Episodes, environments, rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
@@ -26,37 +25,6 @@ from ocp_envs.trajectory import Trajectory
 
 #: Episodes that run at once; a plan's gains, references and metrics for 10,000 episodes do not fit into memory.
 BATCH = 500
-
-
-@dataclass(frozen=True, eq=False)
-class Method:
-    """Somebody who takes part.
-
-    Args:
-        name: one of the shipped names, such as ``"moe-custom"``.
-        actor: a planner (called with p) or a policy (with ``predict``).
-        data: what it learnt from, for the table.
-        seconds: what learning took, without the making of the data; ``None`` where nothing was learnt.
-    """
-
-    name: str
-    actor: Planner | Policy
-    data: str | None = None
-    seconds: float | None = None
-
-    @property
-    def planner(self) -> Planner | None:
-        """The actor if it plans."""
-        return None if hasattr(self.actor, "predict") else self.actor
-
-    def policy(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> Policy:
-        """The actor as a policy of control period ``dt``; ``weights`` are those of tracking and hold."""
-        if self.planner is not None:
-            return TrackingPolicy(problem, self.planner, dt, weights)
-        acting: Any = self.actor
-        if isinstance(acting, Stabiliser) or problem.hold == 0:
-            return acting
-        return Stabilised(acting, problem, dt, weights)
 
 
 def run(

@@ -10,10 +10,10 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.control.tracking import TrackingPolicy
-from moe_policy.experiments.comparison import Method
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import ABSENT, Column, duration
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import environments
@@ -31,6 +31,31 @@ TURN = 10
 SAME = 1e-3
 #: p (B, np) → row of p, guess and index of the goal's winding (−1: the one nearest to the guess's end) of every solve.
 Start = Callable[[Array], tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]]
+
+
+def time_planner(
+    planner: Planner, parameters: ArrayLike, batches: tuple[int, ...] = (1, 1000), repeats: int = 5
+) -> dict[int, float]:
+    """Seconds per plan for each size of batch: the median over ``repeats`` calls after one to warm up.
+
+    Args:
+        planner: parameters (B, np) → plans.
+        parameters: (n, np), n ≥ 1; repeated to fill a batch, and each call gets other rows where there are enough.
+        batches: sizes of a call.
+        repeats: timed calls for each size.
+    """
+    p = np.asarray(parameters, dtype=np.float64)
+    seconds = {}
+    for batch in batches:
+        rows = np.arange((repeats + 1) * batch).reshape(repeats + 1, batch) % len(p)
+        planner(p[rows[0]])
+        taken = []
+        for chosen in rows[1:]:
+            began = time.perf_counter()
+            planner(p[chosen])
+            taken.append(time.perf_counter() - began)
+        seconds[batch] = float(np.median(taken)) / batch
+    return seconds
 
 
 def planner_rows(

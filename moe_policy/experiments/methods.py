@@ -9,21 +9,23 @@ import threading
 import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from moe_policy import store
-from moe_policy.control.tracking import Stabiliser
+from moe_policy.control.lqr import TrackingWeights
+from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import Method
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.solver import SolverPlanner
 from moe_policy.planners.symmetric import Symmetrised
+from moe_policy.protocols import Planner, Policy
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
@@ -31,6 +33,37 @@ from ocp_envs.trajectory import Trajectory
 
 #: Starts of one share of the optimal planner's work.
 SHARE = 250
+
+
+@dataclass(frozen=True, eq=False)
+class Method:
+    """Somebody who takes part.
+
+    Args:
+        name: one of the shipped names, such as ``"moe-custom"``.
+        actor: a planner (called with p) or a policy (with ``predict``).
+        data: what it learnt from, for the table.
+        seconds: what learning took, without the making of the data; ``None`` where nothing was learnt.
+    """
+
+    name: str
+    actor: Planner | Policy
+    data: str | None = None
+    seconds: float | None = None
+
+    @property
+    def planner(self) -> Planner | None:
+        """The actor if it plans."""
+        return None if hasattr(self.actor, "predict") else self.actor
+
+    def policy(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> Policy:
+        """The actor as a policy of control period ``dt``; ``weights`` are those of tracking and hold."""
+        if self.planner is not None:
+            return TrackingPolicy(problem, self.planner, dt, weights)
+        acting: Any = self.actor
+        if isinstance(acting, Stabiliser) or problem.hold == 0:
+            return acting
+        return Stabilised(acting, problem, dt, weights)
 
 
 def solutions(count: int) -> str:

@@ -11,7 +11,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from moe_policy.experiments.comparison import Method
+from moe_policy.experiments.methods import Method
 from moe_policy.rollouts.metrics import evaluate
 from moe_policy.rollouts.rollout import environments, rollout
 from ocp_envs.problem import OptimalControlProblem

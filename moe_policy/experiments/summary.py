@@ -16,6 +16,7 @@ import numpy as np
 from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.benchmark.published import Published
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import ABSENT, Column
 from moe_policy.learning.architectures import architecture_of, layer_sizes
 from moe_policy.planners.network import NetworkPlanner
@@ -46,7 +47,7 @@ def training_record(planner: NetworkPlanner) -> Record:
 def model_record(planner: NetworkPlanner, validation: Samples) -> Record:
     """:func:`training_record`, and what the network does on solved validation problems."""
     problem = planner.problem
-    method = comparison.Method(planner.name, planner)
+    method = Method(planner.name, planner)
     row, _ = comparison.run(problem, method, validation.parameters, optimal=validation.trajectory, batches=())
     return training_record(planner) | {
         "success": row["success"]["count"],

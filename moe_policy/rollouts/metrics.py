@@ -1,15 +1,12 @@
-"""Episodes → figures, and how long planning takes."""
+"""Episodes → metrics."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from moe_policy.protocols import Planner
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.problem import OptimalControlProblem
@@ -130,28 +127,3 @@ def cost_ratio(episodes: Episodes, baseline: Episodes) -> CostRatio:
     total = float(baseline.cost[both].sum())
     ratio = float(episodes.cost[both].sum()) / total if total > 0 else None
     return CostRatio(ratio, int(both.sum()))
-
-
-def time_planner(
-    planner: Planner, parameters: ArrayLike, batches: tuple[int, ...] = (1, 1000), repeats: int = 5
-) -> dict[int, float]:
-    """Seconds per plan for each size of batch: the median over ``repeats`` calls after one to warm up.
-
-    Args:
-        planner: parameters (B, np) → plans.
-        parameters: (n, np), n ≥ 1; repeated to fill a batch, and each call gets other rows where there are enough.
-        batches: sizes of a call.
-        repeats: timed calls for each size.
-    """
-    p = np.asarray(parameters, dtype=np.float64)
-    seconds = {}
-    for batch in batches:
-        rows = np.arange((repeats + 1) * batch).reshape(repeats + 1, batch) % len(p)
-        planner(p[rows[0]])
-        taken = []
-        for chosen in rows[1:]:
-            began = time.perf_counter()
-            planner(p[chosen])
-            taken.append(time.perf_counter() - began)
-        seconds[batch] = float(np.median(taken)) / batch
-    return seconds

@@ -7,7 +7,8 @@ import pytest
 
 from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
 from moe_policy.experiments import comparison
-from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, Method
+from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import ABSENT, markdown_table
 from moe_policy.learning import recipes
 from moe_policy.learning.fitting import TrainingSettings

@@ -12,8 +12,8 @@ import pytest
 import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import Method
-from moe_policy.experiments.latency import cold, planner_rows, solver_rows, step_rows, warm
+from moe_policy.experiments.latency import cold, planner_rows, solver_rows, step_rows, time_planner, warm
+from moe_policy.experiments.methods import Method
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver
@@ -155,3 +155,15 @@ def test_the_script_times_every_planner(monkeypatch, tmp_path):
     assert all(ratio > 0 for row in record["planners"] for ratio in row["ratio"].values())
     assert all(row["ratio"] > 0 for row in record["solver"])
     assert all(row["step_seconds"] > 0 for row in record["steps"])
+
+
+def test_planning_is_timed_per_plan():
+    sizes = []
+
+    def planner(p):
+        sizes.append(len(p))
+
+    seconds = time_planner(planner, np.zeros((7, 2)), (1, 1000), repeats=3)
+    assert sizes == [1] * 4 + [1000] * 4
+    assert set(seconds) == {1, 1000}
+    assert 0 < seconds[1000] < seconds[1]

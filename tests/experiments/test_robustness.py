@@ -13,8 +13,9 @@ import pytest
 import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import Method, run
+from moe_policy.experiments.comparison import run
 from moe_policy.experiments.figures.robustness import draw_curves, robustness_figure
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.robustness import FIGURES, level_key, run_level
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE

@@ -7,7 +7,7 @@ import pytest
 
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Proportion
-from moe_policy.rollouts.metrics import CostRatio, cost_ratio, evaluate, time_planner
+from moe_policy.rollouts.metrics import CostRatio, cost_ratio, evaluate
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
 
@@ -81,15 +81,3 @@ def test_costs_are_compared_where_both_reach():
 def test_no_episodes_are_refused():
     with pytest.raises(ValueError, match="at least one"):
         evaluate(DOUBLE_INTEGRATOR, episodes(0))
-
-
-def test_planning_is_timed_per_plan():
-    sizes = []
-
-    def planner(p):
-        sizes.append(len(p))
-
-    seconds = time_planner(planner, np.zeros((7, 2)), (1, 1000), repeats=3)
-    assert sizes == [1] * 4 + [1000] * 4
-    assert set(seconds) == {1, 1000}
-    assert 0 < seconds[1000] < seconds[1]

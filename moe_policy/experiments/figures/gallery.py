@@ -22,6 +22,7 @@ from moe_policy.experiments.figures import phase as figures
 from moe_policy.experiments.figures import plane as trajectory_figures
 from moe_policy.experiments.figures import space as space_figures
 from moe_policy.experiments.figures.cases import find_flip, flip_parameters, plan_violations
+from moe_policy.experiments.methods import Method
 from moe_policy.learning.clustering import Labels, cluster
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
@@ -78,7 +79,7 @@ class Material:
         """The plans of all planners for the validation problems, tracked."""
         starts = self.validation.parameters
         return {
-            name: comparison.run(self.problem, comparison.Method(name, planner), starts, batches=())[1]
+            name: comparison.run(self.problem, Method(name, planner), starts, batches=())[1]
             for name, planner in self.planners.items()
         }
 
