@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,8 @@ from ocp_envs.data.worker import solve_chunk
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
 from ocp_envs.sets.splits import Split
+from ocp_envs.support import dask
+from ocp_envs.support.dask import TasksInFlight
 from scripts.check_interruptions import stored_chunks
 
 distributed = pytest.importorskip("distributed")
@@ -140,26 +142,43 @@ def test_a_task_that_dask_gave_up_is_submitted_anew(whole, cluster, client, monk
     assert len(list(deaths.iterdir())) == times
 
 
-def test_workers_may_join_later(whole, meanwhile, monkeypatch, tmp_path):
-    monkeypatch.setattr(generation, "_LOOK", 0.1)
-    widths = []
-    in_flight = generation._Pool._cluster_width
-    monkeypatch.setattr(generation._Pool, "_cluster_width", lambda self: widths.append(in_flight(self)) or widths[-1])
+def test_workers_may_join_later(whole, meanwhile, tmp_path):
     with (
         distributed.LocalCluster(n_workers=0, threads_per_worker=2, dashboard_address=":0") as cluster,
         distributed.Client(cluster) as client,
     ):
+        in_flight = TasksInFlight(client, look=0.0)
+        with pytest.warns(UserWarning, match="no workers; waiting"):
+            assert in_flight() == 2  # something must wait for the first worker
 
         def grow():
-            wait_until(lambda: len(widths) >= 2)
+            wait_until(lambda: cluster.scheduler.tasks)
             cluster.scale(1)
 
         meanwhile(grow)
         with pytest.warns(UserWarning, match="no workers; waiting"):
             database = make(tmp_path / "d", executor=client.get_executor())
+        assert in_flight() == 4  # two for each thread of the worker that came
     assert database.digest() == whole.digest()
-    assert widths[0] == 1
-    assert widths[-1] == 2  # the threads of the worker that came
+
+
+def test_the_size_of_a_cluster_is_looked_up_now_and_then():
+    class Client:
+        status, scheduler, looks = "running", None, 0
+
+        def ncores(self):
+            self.looks += 1
+            return {"tcp://one": 1, "tcp://two": 2}
+
+    client = Client()
+    in_flight = TasksInFlight(client, look=60.0)
+    assert [in_flight() for _ in range(3)] == [6, 6, 6]
+    assert client.looks == 1
+
+
+def test_only_an_executor_of_dask_is_taken_for_one(client):
+    assert dask.workers_of(ThreadPoolExecutor(1)) is None
+    assert distributed.KilledWorker in dask.workers_of(client.get_executor()).lost
 
 
 @pytest.mark.slow
@@ -177,7 +196,7 @@ def test_a_lost_scheduler_is_a_clear_error_and_the_same_call_goes_on(whole, mean
                     scheduler.kill()
 
                 meanwhile(kill)
-                with pytest.raises(BrokenExecutor, match=f"scheduler {host} is gone.*the same call goes on"):
+                with pytest.raises(BrokenExecutor, match=f"scheduler {host} is gone.*the same call resumes"):
                     make(path, executor=client.get_executor())
         finally:
             scheduler.kill()

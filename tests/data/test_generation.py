@@ -403,6 +403,21 @@ def test_an_executor_that_is_not_ours_is_not_replaced(tmp_path, unguarded):
         generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=Broken(), settings=SMALL)
 
 
+@pytest.mark.parametrize("workers", [1, 3])
+def test_an_executor_is_given_two_tasks_for_each_that_it_runs_at_once(tmp_path, unguarded, monkeypatch, workers):
+    """``wait`` is called with the tasks in flight."""
+    waiting, wait = [], generation.wait
+
+    def noted(futures, **how):
+        waiting.append(len(futures))
+        return wait(futures, **how)
+
+    monkeypatch.setattr(generation, "wait", noted)
+    p, settings = sample(PENDULUM, 7, 20), dataclasses.replace(SMALL, first=20, chunk=2)
+    generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), workers=workers, settings=settings)
+    assert max(waiting) == 2 * workers
+
+
 def test_a_finished_database_is_not_solved_again(tmp_path, unguarded):
     p = sample(PENDULUM, 7, 10)
     first = generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
