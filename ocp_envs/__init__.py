@@ -17,7 +17,7 @@ from ocp_envs.goal import Goal, Modes, winding_modes
 from ocp_envs.problem import OptimalControlProblem, OutsideBoxError
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
 from ocp_envs.problems.description import describe
-from ocp_envs.render.scene import plot_trajectory
+from ocp_envs.render.over_time import plot_trajectory
 from ocp_envs.system import Box, Coordinate, System
 from ocp_envs.trajectory import Trajectory
 

@@ -1,4 +1,4 @@
-"""What a problem looks like, as data: a few shapes in world coordinates that :mod:`ocp_envs.render.scene` draws."""
+"""What a problem looks like, as data: a few shapes in world coordinates that :mod:`ocp_envs.render` draws."""
 
 from __future__ import annotations
 

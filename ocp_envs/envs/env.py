@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from ocp_envs.envs.options import RENDER_MODES, Settings
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.render.scene import Film
+from ocp_envs.render.film import Film
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 

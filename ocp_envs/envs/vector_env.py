@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.options import RENDER_MODES, Settings
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.render.scene import Film
+from ocp_envs.render.film import Film
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.trajectory import Trajectory
 

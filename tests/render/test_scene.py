@@ -1,4 +1,4 @@
-"""Frames, windows and plots; drawn without a screen."""
+"""Pictures in the plane and in space, drawn without a screen."""
 
 from __future__ import annotations
 
@@ -13,16 +13,14 @@ import pytest
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")
 
-from matplotlib import pyplot  # noqa: E402
 
 import ocp_envs  # noqa: E402
-from ocp_envs.envs.env import Env, VectorEnv  # noqa: E402
+from ocp_envs.envs.env import Env  # noqa: E402
 from ocp_envs.picture import Ball, Face, Line, Picture  # noqa: E402
 from ocp_envs.problems.pendulum import PENDULUM  # noqa: E402
 from ocp_envs.problems.quadcopter import CONSTANTS, DRAWN_SCALE, QUADCOPTER, QUADCOPTER_OBSTACLE, SYSTEM, attitude  # noqa: E402
 from ocp_envs.problems.vehicle import VEHICLE  # noqa: E402
-from ocp_envs.render.scene import Film, Scene, plot_trajectory  # noqa: E402
-from ocp_envs.trajectory import Trajectory  # noqa: E402
+from ocp_envs.render.scene import Scene  # noqa: E402
 
 
 def in_space():
@@ -57,31 +55,6 @@ def test_the_pendulum_is_drawn_where_it_is():
     assert above < level - 50 < below - 100
     assert below_x == pytest.approx(above_x, abs=2)
     assert level == pytest.approx(also_level, abs=2)
-
-
-def test_the_trail_grows_and_a_reset_clears_it():
-    env = Env(PENDULUM, render_mode="rgb_array", terminate_at_goal=False)
-    env.reset(options={"parameters": [1.0, 2.0]})
-    fresh = env.render()
-    for _ in range(60):
-        env.step(np.ones(1))
-    assert (env.render() != fresh).any(axis=2).sum() > 500
-    env.reset(options={"parameters": [1.0, 2.0]})
-    np.testing.assert_array_equal(env.render(), fresh)
-
-
-def test_vector_environments_draw_every_row():
-    envs = VectorEnv(PENDULUM, 2, render_mode="rgb_array", time_limit=0.1)
-    single = Env(PENDULUM, render_mode="rgb_array", time_limit=1.0)
-    envs.reset(options={"parameters": [[0.5, 0.0], [2.0, 0.0]]})
-    single.reset(options={"parameters": [2.0, 0.0]})
-    for _ in range(4):
-        envs.step(np.ones((2, 1)))
-        single.step(np.ones(1))
-    frames = envs.render()
-    assert len(frames) == 2
-    np.testing.assert_array_equal(frames[1], single.render())
-    assert (frames[0] != frames[1]).any()
 
 
 def test_space_is_drawn_in_space():
@@ -235,17 +208,6 @@ def test_a_larger_scene_is_the_same_picture():
     assert np.abs(large.reshape(480, 2, 480, 2, 3).mean(axis=(1, 3)) - small).mean() < 4
 
 
-def test_a_film_shows_the_announced_plan_until_the_next_episode():
-    plan = flight([-8.0, 6.0, -5.0])
-    film = Film(0.02, 2)
-    film.begin(np.arange(2), plan[[0, 0]])
-    before = film.frame(QUADCOPTER, 1, np.zeros(0))
-    film.announce(np.array([1]), Trajectory(plan[None], np.zeros((1, 19, 4)), np.ones(1)))
-    assert changed(film.frame(QUADCOPTER, 1, np.zeros(0)), before) > 100
-    film.begin(np.array([1]), plan[:1])
-    np.testing.assert_array_equal(film.frame(QUADCOPTER, 1, np.zeros(0)), before)
-
-
 def test_a_plan_is_drawn_in_the_plane_too():
     states = np.zeros((20, 4))
     states[:, 0], states[:, 1] = np.linspace(-9, 0, 20), np.linspace(5, 0, 20)
@@ -307,33 +269,6 @@ def test_artists_follow_shapes_that_come_and_go():
     assert (pictures[0] != pictures[1]).any()
 
 
-def test_human_mode_opens_one_window_and_closes_it():
-    env = gym.make("PendulumSwingup-v0", render_mode="human")
-    before = pyplot.get_fignums()
-    env.reset(seed=0)
-    env.step(np.ones(1))
-    env.reset()
-    assert len(pyplot.get_fignums()) == len(before) + 1
-    env.close()
-    assert pyplot.get_fignums() == before
-    envs = gym.make_vec("PendulumSwingup-v0", num_envs=2, render_mode="human")
-    envs.reset(seed=0)
-    envs.step(np.ones((2, 1)))
-    assert envs.render() is None
-    envs.close()
-    assert pyplot.get_fignums() == before
-
-
-def test_without_a_mode_nothing_is_drawn():
-    env = Env(PENDULUM)
-    env.reset(seed=0)
-    with pytest.warns(UserWarning, match="render_mode"):
-        assert env.render() is None
-    envs = VectorEnv(PENDULUM, 2)
-    with pytest.warns(UserWarning, match="render_mode"):
-        assert envs.render() is None
-
-
 def test_what_cannot_be_drawn_says_so(monkeypatch):
     with pytest.raises(ValueError, match="has no picture"):
         Env(dataclasses.replace(PENDULUM, picture=None), render_mode="rgb_array")
@@ -348,50 +283,9 @@ def test_what_cannot_be_drawn_says_so(monkeypatch):
         env.render()
 
 
-@pytest.mark.parametrize("problem", [PENDULUM, QUADCOPTER_OBSTACLE], ids=lambda p: p.id)
-def test_trajectories_are_plotted_against_time(problem):
-    nx, nu, knots = problem.system.nx, problem.system.nu, problem.knots
-    generator = np.random.default_rng(0)
-    trajectory = Trajectory(
-        generator.normal(size=(3, knots, nx)), generator.uniform(size=(3, knots - 1, nu)), np.array([2.0, 3.0, 4.0])
-    )
-    axes = plot_trajectory(problem, trajectory)
-    assert axes.shape == (nx + nu,)
-    for i in range(nx):
-        drawn = axes[i].lines[1]
-        np.testing.assert_array_equal(drawn.get_ydata(), trajectory.states[1, :, i])
-        np.testing.assert_allclose(drawn.get_xdata(), np.linspace(0, 3.0, knots))
-    np.testing.assert_array_equal(axes[nx].lines[2].get_ydata()[:-1], trajectory.controls[2, :, 0])
-    assert axes[0].get_ylabel() == ("theta (rad)" if problem is PENDULUM else "x (m)")
-    again = plot_trajectory(problem, trajectory[0], axes)
-    assert again[0].figure is axes[0].figure
-    with pytest.raises(ValueError, match=f"expected {nx + nu} axes"):
-        plot_trajectory(problem, trajectory, axes[:1])
-    pyplot.close(axes[0].figure)
-
-
 def test_importing_the_package_does_not_import_matplotlib():
     import subprocess
 
     code = "import sys, ocp_envs; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
     assert callable(ocp_envs.plot_trajectory)
-
-
-def test_the_environments_show_a_plan_until_the_next_episode():
-    states = np.zeros((2, 25, 4))
-    states[..., 0], states[..., 1] = np.linspace(-9, 0, 25), np.linspace(5, 0, 25)
-    plans, p = Trajectory(states, np.zeros((2, 24, 2)), np.ones(2)), [-9.0, 5.0, 0.0, 0.0]
-    env = gym.make("GroundVehicle-v0", render_mode="rgb_array").unwrapped
-    envs = gym.make_vec(
-        "GroundVehicle-v0", num_envs=2, vectorization_mode="vector_entry_point", render_mode="rgb_array"
-    ).unwrapped
-    for made, shown, frame in ((env, plans[0], lambda: env.render()), (envs, plans, lambda: envs.render()[1])):
-        made.reset(options={"parameters": p})
-        before = frame()
-        made.show_plan(shown)
-        assert changed(frame(), before) > 100
-        made.reset(options={"parameters": p})
-        np.testing.assert_array_equal(frame(), before)
-        with pytest.raises(ValueError, match="expected a plan for each"):
-            made.show_plan(plans[[0, 1, 1]])

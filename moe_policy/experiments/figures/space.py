@@ -2,7 +2,7 @@
 
 They are those of Tang & Hauser (2019), section V-C (the quadcopter round a sphere), for any problem whose
 :class:`~ocp_envs.picture.Picture` traces a path in space. Paths are drawn as smooth curves through their knots and pass
-behind spheres as :mod:`ocp_envs.render.space` works it out; a path that is not finite is left out.
+behind spheres as :mod:`ocp_envs.render.visibility` works it out; a path that is not finite is left out.
 """
 
 from __future__ import annotations

@@ -1,0 +1,65 @@
+"""States and controls against time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.render.style import GOAL, INK, matplotlib
+from ocp_envs.trajectory import Trajectory
+
+
+def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes: Any = None) -> NDArray[Any]:
+    """Plot the states and controls of trajectories against time, one panel per coordinate.
+
+    Targets of the state are dotted lines, bounds of the control dashed ones.
+
+    Args:
+        problem: the problem that the trajectories belong to.
+        trajectory: a batch; each member is a line.
+        axes: nx + nu Matplotlib axes to draw into; a new figure by default.
+
+    Returns:
+        The axes, (nx + nu,), states first; ``axes[0].figure`` is the figure.
+
+    Raises:
+        ValueError: another number of axes.
+        ImportError: Matplotlib is not installed.
+    """
+    system = problem.system
+    coordinates = (*system.state.coordinates, *system.control.coordinates)
+    panels = _panels(len(coordinates)) if axes is None else np.asarray(axes).ravel()
+    if len(panels) != len(coordinates):
+        raise ValueError(f"{problem.id}: expected {len(coordinates)} axes (states, controls), got {len(panels)}")
+    times = trajectory.times.T
+    for i, panel in enumerate(panels[: system.nx]):
+        panel.plot(times, trajectory.states[:, :, i].T, lw=1.5)
+        for target in np.unique(problem.targets[:, i]):
+            panel.axhline(target, color=GOAL, lw=1, ls=":")
+    held = np.concatenate([trajectory.controls, trajectory.controls[:, -1:]], axis=1)
+    for i, panel in enumerate(panels[system.nx :]):
+        panel.plot(times, held[:, :, i].T, lw=1.5, drawstyle="steps-post")
+        for bound in (system.control.lower[i], system.control.upper[i]):
+            panel.axhline(bound, color=INK, lw=1, ls="--")
+    for coordinate, panel in zip(coordinates, panels):
+        unit = "" if coordinate.unit == "1" else f" ({coordinate.unit})"
+        panel.set_ylabel(f"{coordinate.name}{unit}")
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[-1].set_xlabel("time (s)")
+    return panels
+
+
+def _panels(count: int) -> NDArray[Any]:
+    """``count`` axes in a new figure: one column of up to four, else four columns."""
+    columns = 1 if count <= 4 else 4
+    rows = math.ceil(count / columns)
+    size = (3.2 * columns + 2.4 * (columns == 1), 1.8 * rows)
+    figure = matplotlib("pyplot").figure(figsize=size, layout="constrained")
+    axes: NDArray[Any] = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    for unused in axes[count:]:
+        unused.set_visible(False)
+    return axes[:count]

@@ -1,0 +1,25 @@
+"""Colours of the pictures, and Matplotlib, imported when the first picture is drawn."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+PATH, PLAN, GOAL, INK, GREY = "#3b6ea5", "#d1781f", "#3a8f4d", "#333333", "#8a8f98"
+#: Line style of a plan.
+DASHES = {"lw": 1.6, "ls": (0, (4, 2.5))}
+
+
+def matplotlib(module: str) -> Any:
+    """The module ``matplotlib.<module>``.
+
+    Args:
+        module: its name below ``matplotlib``.
+
+    Raises:
+        ImportError: Matplotlib, which comes with the extra ``plots``, is not installed.
+    """
+    try:
+        return importlib.import_module(f"matplotlib.{module}")
+    except ImportError as error:
+        raise ImportError("drawing needs Matplotlib: pip install 'ocp-moe[plots]'") from error
