@@ -21,7 +21,7 @@ from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, run
 from moe_policy.experiments.figures.space import margins_figure
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.tables import Column, text_table
+from moe_policy.experiments.tables import keyed, text_table
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.stored import StoredPlans
 from ocp_envs.support.provenance import provenance, write_json
@@ -54,7 +54,7 @@ def main() -> None:
     record = {"env_id": problem.id, "split": "development", "parameter": arguments.parameter, "cases": len(samples)}
     write_json(arguments.results / f"margin_{problem.id}.json", record | {"rows": rows, "provenance": provenance()})
     margins_figure(arguments.results / f"margin_{problem.id}.png", rows)
-    print(text_table(rows, (Column("margin", "margin", "g"), *COLUMNS)))
+    print(text_table(rows, (keyed("margin", "margin", "g"), *COLUMNS)))
 
 
 if __name__ == "__main__":

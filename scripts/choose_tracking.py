@@ -23,14 +23,14 @@ from moe_policy.control.lqr import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, run
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.tables import Column, text_table
+from moe_policy.experiments.tables import keyed, text_table
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.store import load_file
 from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 CONTROL, TERMINAL, ROOM = (0.01, 0.1, 1.0, 10.0), (None, 1e3, 1e4, 1e5), (1.0, 0.1)
-WEIGHTS = (Column("control", "r", "g"), Column("terminal", "s", "g"), Column("room", "ρ", "g"))
+WEIGHTS = (keyed("control", "r", "g"), keyed("terminal", "s", "g"), keyed("room", "ρ", "g"))
 
 
 def main() -> None:

@@ -21,6 +21,7 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, outcome, run
+from moe_policy.experiments.figures.comparison import comparison_figure
 from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import (
     Method,
@@ -32,7 +33,7 @@ from moe_policy.experiments.methods import (
     steps,
     variants,
 )
-from moe_policy.experiments.tables import comparison_figure, text_table
+from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.stored import StoredPlans

@@ -36,7 +36,7 @@ from moe_policy.experiments.figures.robustness import robustness_figure
 from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
 from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.experiments.robustness import level_key, run_level
-from moe_policy.experiments.tables import Column, text_table
+from moe_policy.experiments.tables import keyed, text_table
 from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
@@ -90,8 +90,8 @@ def tables(rows: Sequence[Mapping[str, Any]], perturbations: Sequence[Perturbati
             {"name": name} | {f"{row['level']:g}": row["success"]["count"] for row in shown if row["name"] == name}
             for name in dict.fromkeys(row["name"] for row in shown)
         ]
-        levels = [Column(f"{level:g}", f"{level:g}") for level in perturbation.levels]
-        parts.append(text_table(lines, [Column("name", f"{perturbation.name}, {perturbation.unit}"), *levels]))
+        levels = [keyed(f"{level:g}", f"{level:g}") for level in perturbation.levels]
+        parts.append(text_table(lines, [keyed("name", f"{perturbation.name}, {perturbation.unit}"), *levels]))
     return "\n".join(parts)
 
 

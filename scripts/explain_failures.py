@@ -20,7 +20,7 @@ import torch
 
 import ocp_envs
 from moe_policy.experiments.diagnosis import Failure, Judgement, counts, explain
-from moe_policy.experiments.tables import Column, share, text_table
+from moe_policy.experiments.tables import keyed, proportion, text_table
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.store import SHIPPED, load_file
 from ocp_envs.support.provenance import provenance, write_json
@@ -34,18 +34,18 @@ def shorter(values: tuple[float, ...]) -> str:
 
 
 COLUMNS = (
-    Column("index", "case"),
-    Column("parameters", "p", shorter),
-    Column("cause", "cause"),
-    Column("mode", "optimal mode"),
-    Column("right", "right", lambda experts: ", ".join(map(str, experts)) or "none"),
-    Column("chosen", "chosen"),
-    Column("confidence", "… with", ".2f"),
-    Column("successful", "would succeed", lambda experts: ", ".join(map(str, experts)) or "none"),
-    Column("relative_gap", "gap to 2nd mode", ".2g"),
-    Column("nearest_distance", "nearest sample", ".2g"),
-    Column("final_error", "error", ".2g"),
-    Column("predicted_error", "predicted", ".2g"),
+    keyed("index", "case"),
+    keyed("parameters", "p", shorter),
+    keyed("cause", "cause"),
+    keyed("mode", "optimal mode"),
+    keyed("right", "right", lambda experts: ", ".join(map(str, experts)) or "none"),
+    keyed("chosen", "chosen"),
+    keyed("confidence", "… with", ".2f"),
+    keyed("successful", "would succeed", lambda experts: ", ".join(map(str, experts)) or "none"),
+    keyed("relative_gap", "gap to 2nd mode", ".2g"),
+    keyed("nearest_distance", "nearest sample", ".2g"),
+    keyed("final_error", "error", ".2g"),
+    keyed("predicted_error", "predicted", ".2g"),
 )
 
 
@@ -90,9 +90,9 @@ def main() -> None:
     records = [failure.record() for failure in failures]
     if records:
         print(text_table(records, COLUMNS))
-    print(text_table(summary(failures, len(cases)), (Column("cause", "cause"), Column("failures", "failures"))))
+    print(text_table(summary(failures, len(cases)), (keyed("cause", "cause"), keyed("failures", "failures"))))
     success = Proportion(len(cases) - len(failures), len(cases))
-    print(f"{planner.name}: {share(success)} of {success.total} cases succeed, judged at the {WORDS[arguments.at]}")
+    print(f"{planner.name}: {proportion(success)} of {success.total} cases succeed at the {WORDS[arguments.at]}")
     suffix = "" if arguments.at is Judgement.JUDGING_TIME else f"_{arguments.at}"
     output = arguments.results / f"failures_{problem.id}_{path.name}{suffix}.json"
     record = {

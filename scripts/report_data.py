@@ -15,7 +15,7 @@ from typing import Any
 
 import ocp_envs
 from moe_policy.experiments.data import CLOSE, FAILURES, LEVELS, accuracy_of, contents, data_figure
-from moe_policy.experiments.tables import ABSENT, Column, text_table
+from moe_policy.experiments.tables import DASH, keyed, text_table
 from ocp_envs.data.database import Database
 from ocp_envs.sets.splits import split_of, splits_of
 from ocp_envs.solvers.accuracy import ATOL, RTOL
@@ -29,11 +29,11 @@ Record = Mapping[str, Any]
 
 
 def percent(share: float | None) -> str:
-    return ABSENT if share is None else f"{100 * share:.3g} %"
+    return DASH if share is None else f"{100 * share:.3g} %"
 
 
 def several(values: Mapping[str, float] | None, form: str) -> str:
-    return ABSENT if values is None else " / ".join(format(value, form) for value in values.values())
+    return DASH if values is None else " / ".join(format(value, form) for value in values.values())
 
 
 def words(name: str) -> str:
@@ -104,7 +104,7 @@ def text(title: str, records: Mapping[str, Record]) -> str:
     ]
     if any(record["failures_by_kind"] is None for record in records.values()):
         notes.append("not stored: databases keep how many solves of a problem failed, not how each of them ended")
-    return "\n".join([title, "", text_table(rows, [Column(name, name) for name in ("", *columns)]), *notes]) + "\n"
+    return "\n".join([title, "", text_table(rows, [keyed(name, name) for name in ("", *columns)]), *notes]) + "\n"
 
 
 def main() -> None:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from moe_policy.experiments.curves import FOLLOWED, Record
-from moe_policy.experiments.tables import Column, duration
+from moe_policy.experiments.tables import duration, keyed
 from moe_policy.protocols import Policy
 from moe_policy.rollouts.intervals import Spread
 from ocp_envs.problem import OptimalControlProblem
@@ -205,14 +205,14 @@ def budget_rows(record: Mapping[str, Any]) -> list[Record]:
 
 
 BUDGET_COLUMNS = (
-    Column("name", "who"),
-    Column("solves", "solves", ","),
-    Column("states", "simulated states", ","),
-    Column("seconds", "wall time", duration),
-    Column("success", "success", ".1%"),
-    Column("cost_ratio", "cost / optimal", ".3f"),
-    Column("mean_return", "mean return", ".2f"),
-    Column("violation", "mean violation, m", ".3f"),
+    keyed("name", "who"),
+    keyed("solves", "solves", ","),
+    keyed("states", "simulated states", ","),
+    keyed("seconds", "wall time", duration),
+    keyed("success", "success", ".1%"),
+    keyed("cost_ratio", "cost / optimal", ".3f"),
+    keyed("mean_return", "mean return", ".2f"),
+    keyed("violation", "mean violation, m", ".3f"),
 )
 
 

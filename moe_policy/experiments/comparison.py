@@ -11,9 +11,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from moe_policy.control.lqr import TrackingWeights
+from moe_policy.experiments.figures.comparison import Outcome
 from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.tables import Column, Outcome, duration, share
+from moe_policy.experiments.tables import duration, keyed, proportion
 from moe_policy.learning.training import validation_error
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.rollouts.intervals import Proportion
@@ -83,7 +84,7 @@ def outcome(name: str, episodes: Episodes, problem: OptimalControlProblem) -> Ou
 
 
 def _share(record: Mapping[str, Any]) -> str:
-    return share(Proportion(record["count"], record["total"]))
+    return proportion(Proportion(record["count"], record["total"]))
 
 
 def _of(key: str, form: Callable[[Any], str]) -> Callable[[Any], str]:
@@ -91,22 +92,22 @@ def _of(key: str, form: Callable[[Any], str]) -> Callable[[Any], str]:
 
 
 COLUMNS = (
-    Column("name", "policy"),
-    Column("reached", "reached", lambda record: str(record["count"])),
-    Column("success", "success (95 % interval)", _share),
-    Column("success_at_plan_end", "… at the plan's end", _share),
-    Column("plan_end_error_median", "error there", ".2g"),
-    Column("knot_violation_mean", "mean violation at knots, m", ".3f"),
-    Column("violation_mean", "… on the whole path", ".3f"),
-    Column("cost_ratio", "cost / optimal", _of("ratio", "{:.3f}".format)),
-    Column("test_error", "test error", ".2g"),
-    Column("validation_error", "validation error", ".2g"),
-    Column("planning_seconds", "plan, batch 1", _of("1", duration)),
-    Column("planning_seconds", "… batch 1000", _of("1000", duration)),
-    Column("data", "learnt from"),
-    Column("parameters_total", "weights", ","),
-    Column("parameters_active", "… active", ","),
-    Column("training_seconds", "training", duration),
+    keyed("name", "policy"),
+    keyed("reached", "reached", lambda record: str(record["count"])),
+    keyed("success", "success (95 % interval)", _share),
+    keyed("success_at_plan_end", "… at the plan's end", _share),
+    keyed("plan_end_error_median", "error there", ".2g"),
+    keyed("knot_violation_mean", "mean violation at knots, m", ".3f"),
+    keyed("violation_mean", "… on the whole path", ".3f"),
+    keyed("cost_ratio", "cost / optimal", _of("ratio", "{:.3f}".format)),
+    keyed("test_error", "test error", ".2g"),
+    keyed("validation_error", "validation error", ".2g"),
+    keyed("planning_seconds", "plan, batch 1", _of("1", duration)),
+    keyed("planning_seconds", "… batch 1000", _of("1000", duration)),
+    keyed("data", "learnt from"),
+    keyed("parameters_total", "weights", ","),
+    keyed("parameters_active", "… active", ","),
+    keyed("training_seconds", "training", duration),
 )
 
 
@@ -121,15 +122,15 @@ def _median(record: Mapping[str, float]) -> str:
 
 #: The table of training variants: medians over seeds, and their range.
 TRAINING_COLUMNS = (
-    Column("name", "model"),
-    Column("samples", "training problems", ","),
-    Column("success_spread", "success, median (range)", _median),
-    Column("paper_success", "paper", "d"),
-    Column("success_at_plan_end_spread", "at the plan's end", _median),
-    Column("knot_violation_spread", "mean violation at knots, m", _of("median", "{:.3f}".format)),
-    Column("paper_violation", "paper", ".3f"),
-    Column("violation_spread", "… on the whole path", _of("median", "{:.3f}".format)),
-    Column("validation_error_spread", "validation error", _of("median", _error)),
-    Column("paper_validation_error", "paper", _error),
-    Column("test_error_spread", "test error", _of("median", "{:.4f}".format)),
+    keyed("name", "model"),
+    keyed("samples", "training problems", ","),
+    keyed("success_spread", "success, median (range)", _median),
+    keyed("paper_success", "paper", "d"),
+    keyed("success_at_plan_end_spread", "at the plan's end", _median),
+    keyed("knot_violation_spread", "mean violation at knots, m", _of("median", "{:.3f}".format)),
+    keyed("paper_violation", "paper", ".3f"),
+    keyed("violation_spread", "… on the whole path", _of("median", "{:.3f}".format)),
+    keyed("validation_error_spread", "validation error", _of("median", _error)),
+    keyed("paper_validation_error", "paper", _error),
+    keyed("test_error_spread", "test error", _of("median", "{:.4f}".format)),
 )

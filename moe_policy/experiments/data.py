@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moe_policy.experiments.tables import COLORS, save_figure
+from moe_policy.experiments.figures.style import COLORS, save_figure
 from ocp_envs.data.database import MISSING, Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.accuracy import Accuracy, accuracy

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.tables import ABSENT, Column, duration
+from moe_policy.experiments.tables import DASH, duration, keyed
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import environments
 from ocp_envs.problem import OptimalControlProblem
@@ -231,26 +231,26 @@ def planning_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _at(batch: int, form: Callable[[Any], str]) -> Callable[[Mapping[str, Any]], str]:
-    return lambda by_batch: form(by_batch[str(batch)]) if str(batch) in by_batch else ABSENT
+    return lambda by_batch: form(by_batch[str(batch)]) if str(batch) in by_batch else DASH
 
 
 PLANNING_COLUMNS = (
-    Column("name", "policy"),
-    *(Column("seconds", f"a plan, batch of {batch:,}", _at(batch, duration)) for batch in BATCHES),
-    *(Column("ratio", f"solver's time / its, {batch:,}", _at(batch, "{:,.3g}".format)) for batch in BATCHES),
-    Column("regulators_seconds", "regulators", duration),
-    Column("step_seconds", "a control step", duration),
-    Column("step_share_of_period", "share of the period", ".2%"),
+    keyed("name", "policy"),
+    *(keyed("seconds", f"a plan, batch of {batch:,}", _at(batch, duration)) for batch in BATCHES),
+    *(keyed("ratio", f"solver's time / its, {batch:,}", _at(batch, "{:,.3g}".format)) for batch in BATCHES),
+    keyed("regulators_seconds", "regulators", duration),
+    keyed("step_seconds", "a control step", duration),
+    keyed("step_share_of_period", "share of the period", ".2%"),
 )
 SOLVER_COLUMNS = (
-    Column("name", "started from"),
-    Column("solves", "solves", "d"),
-    Column("verified", "verified", "d"),
-    Column("hung", "hung", "d"),
-    Column("problems", "problems", "d"),
-    Column("best_known", "at the best known cost", "d"),
-    Column("iterations_median", "iterations", ".0f"),
-    Column("milliseconds_median", "ms a solve", ".2f"),
-    Column("seconds_per_problem", "a problem", duration),
-    Column("ratio", "cold time / its time", ".2f"),
+    keyed("name", "started from"),
+    keyed("solves", "solves", "d"),
+    keyed("verified", "verified", "d"),
+    keyed("hung", "hung", "d"),
+    keyed("problems", "problems", "d"),
+    keyed("best_known", "at the best known cost", "d"),
+    keyed("iterations_median", "iterations", ".0f"),
+    keyed("milliseconds_median", "ms a solve", ".2f"),
+    keyed("seconds_per_problem", "a problem", duration),
+    keyed("ratio", "cold time / its time", ".2f"),
 )

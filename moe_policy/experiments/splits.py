@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from moe_policy.experiments.tables import ABSENT, Column, share
+from moe_policy.experiments.tables import DASH, keyed, proportion
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Mean, Proportion
 from ocp_envs.problem import OptimalControlProblem
@@ -164,15 +164,15 @@ def separations(problem: OptimalControlProblem, rows: Mapping[str, Mapping[str, 
 
 
 def _cell(key: str, form: Callable[[Any], str]) -> Callable[[Mapping[str, Any]], str]:
-    return lambda row: ABSENT if row.get(key) is None else form(row[key])
+    return lambda row: DASH if row.get(key) is None else form(row[key])
 
 
 def _share(record: Mapping[str, Any]) -> str:
-    return f"{share(Proportion(record['count'], record['total']))} of {record['total']:,}"
+    return f"{proportion(Proportion(record['count'], record['total']))} of {record['total']:,}"
 
 
 def _ratio(record: Mapping[str, Any]) -> str:
-    return ABSENT if record["ratio"] is None else f"{record['ratio']:.3f}"
+    return DASH if record["ratio"] is None else f"{record['ratio']:.3f}"
 
 
 _SHOWN: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
@@ -184,6 +184,6 @@ _SHOWN: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
 )
 #: One row for each policy, whose figures on a split stand under the split's name.
 SPLIT_COLUMNS = (
-    Column("name", "policy"),
-    *(Column(split, f"{split}: {title}", _cell(key, form)) for split in SPLITS for key, title, form in _SHOWN),
+    keyed("name", "policy"),
+    *(keyed(split, f"{split}: {title}", _cell(key, form)) for split in SPLITS for key, title, form in _SHOWN),
 )

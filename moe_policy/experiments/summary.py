@@ -17,7 +17,7 @@ from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.tables import ABSENT, Column
+from moe_policy.experiments.tables import DASH, Column, keyed
 from moe_policy.learning.architectures import architecture_of, layer_sizes
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.data.samples import Samples
@@ -116,7 +116,7 @@ def summary_record(
 
 def summary_columns(record: Mapping[str, Any]) -> tuple[Column, ...]:
     """The columns of a summary's table."""
-    return Column("label", "ours (paper)"), *(Column(column["key"], column["title"]) for column in record["columns"])
+    return keyed("label", "ours (paper)"), *(keyed(column["key"], column["title"]) for column in record["columns"])
 
 
 def _cells(problem: OptimalControlProblem, single: Record, mixture: Record, cases: int) -> dict[str, str]:
@@ -148,7 +148,7 @@ def _cells(problem: OptimalControlProblem, single: Record, mixture: Record, case
         "expert size": ", ".join(str(layer_sizes(problem, layers)) for layers in hidden),
         "expert test error": _beside(
             f"{experts.mean():.2g} ± {experts.std():.2g}",
-            ABSENT if paper is None else f"{paper[0]:.2g} ± {paper[1]:.2g}",
+            DASH if paper is None else f"{paper[0]:.2g} ± {paper[1]:.2g}",
         ),
         "MoE validation error": _figure(mixture, "validation_error"),
         "MoE rollout": _rollout(mixture, cases),
@@ -168,15 +168,15 @@ def _beside(ours: str, papers: str) -> str:
 
 
 def _number(value: float | None) -> str:
-    return ABSENT if value is None else f"{value:.2g}"
+    return DASH if value is None else f"{value:.2g}"
 
 
 def _percent(value: float | None) -> str:
-    return ABSENT if value is None else f"{100 * value:.1f} %"
+    return DASH if value is None else f"{100 * value:.1f} %"
 
 
 def _range(sizes: Sequence[int] | None) -> str:
-    return ABSENT if sizes is None else f"{min(sizes):,}–{max(sizes):,}"
+    return DASH if sizes is None else f"{min(sizes):,}–{max(sizes):,}"
 
 
 def _figure(row: Record, key: str) -> str:
@@ -187,7 +187,7 @@ def _rollout(row: Record, cases: int) -> str:
     """Successes, or where the paper counts it the mean violation at the knots in metres."""
     if "paper_violation" in row:
         return _beside(f"−{row['knot_violation_spread']['median']:.3f} m", f"−{row['paper_violation']:.3f} m")
-    return _beside(f"{row['success_spread']['median']:.0f} of {cases:,}", f"{row.get('paper_success', ABSENT)}")
+    return _beside(f"{row['success_spread']['median']:.0f} of {cases:,}", f"{row.get('paper_success', DASH)}")
 
 
 # -- the overview ------------------------------------------------------------------------------------------------------
@@ -203,7 +203,7 @@ _WHO: Mapping[str, Callable[[str], bool]] = {
     "RL": lambda name: name in _LEARNERS,
     "stabiliser": lambda name: name == "stabiliser",
 }
-OVERVIEW_COLUMNS = (Column("problem", "problem"), Column("measure", "measure"), *(Column(who, who) for who in _WHO))
+OVERVIEW_COLUMNS = (keyed("problem", "problem"), keyed("measure", "measure"), *(keyed(who, who) for who in _WHO))
 
 
 def _count(row: Record, key: str) -> str | None:

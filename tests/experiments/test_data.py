@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from moe_policy.experiments.data import accuracy_of, contents, data_figure
-from moe_policy.experiments.tables import COLORS, STYLE
+from moe_policy.experiments.figures.style import COLORS, STYLE
 from ocp_envs.data.database import Database, Rows
 from ocp_envs.goal import Modes
 from ocp_envs.problems.pendulum import PENDULUM

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.figures import phase as figures
-from moe_policy.experiments.tables import COLORS, STYLE
+from moe_policy.experiments.figures.style import COLORS, STYLE
 from moe_policy.learning.clustering import cluster
 from moe_policy.planners.nearest import NearestPlanner
 from tests.synthetic import fake_samples

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.figures import plane as figures
-from moe_policy.experiments.tables import COLORS, STYLE
+from moe_policy.experiments.figures.style import COLORS, STYLE
 from moe_policy.learning.clustering import Labels, cluster
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.pendulum import PENDULUM

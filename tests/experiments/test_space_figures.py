@@ -5,7 +5,7 @@ import pytest
 
 from moe_policy.experiments.figures import cases
 from moe_policy.experiments.figures import space as figures
-from moe_policy.experiments.tables import COLORS, STYLE, cluster_color
+from moe_policy.experiments.figures.style import COLORS, STYLE, cluster_color
 from moe_policy.learning.clustering import Labels, cluster
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE

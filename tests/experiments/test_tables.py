@@ -1,17 +1,9 @@
 import numpy as np
 import pytest
 
-from moe_policy.experiments.tables import (
-    Column,
-    Outcome,
-    comparison_figure,
-    duration,
-    looks,
-    markdown_table,
-    save_figure,
-    share,
-    text_table,
-)
+from moe_policy.experiments.figures.comparison import Outcome, comparison_figure
+from moe_policy.experiments.figures.style import looks, save_figure
+from moe_policy.experiments.tables import duration, keyed, markdown_table, proportion, text_table
 from moe_policy.rollouts.intervals import Proportion
 
 ROWS = [
@@ -19,17 +11,17 @@ ROWS = [
     {"name": "a|b", "success": Proportion(0, 1000), "error": None},
     {"name": "sac", "success": Proportion(985, 1000), "error": float("nan")},
 ]
-COLUMNS = [Column("name", "policy"), Column("success", "success", share), Column("error", "error", ".2e")]
+COLUMNS = [keyed("name", "policy"), keyed("success", "success", proportion), keyed("error", "error", ".2e")]
 
 
 def test_missing_keys_are_dashes():
-    assert markdown_table([{"x": 1}, {}], [Column("x", "x")]).splitlines()[-2:] == ["| 1 |", "| – |"]
+    assert markdown_table([{"x": 1}, {}], [keyed("x", "x")]).splitlines()[-2:] == ["| 1 |", "| – |"]
 
 
 def test_columns_without_a_value_are_left_out():
-    assert markdown_table(ROWS, [*COLUMNS, Column("nowhere", "nothing")]) == markdown_table(ROWS, COLUMNS)
-    assert text_table(ROWS, [Column("nowhere", "nothing"), *COLUMNS]) == text_table(ROWS, COLUMNS)
-    assert "nothing" in text_table([], [Column("nowhere", "nothing")])
+    assert markdown_table(ROWS, [*COLUMNS, keyed("nowhere", "nothing")]) == markdown_table(ROWS, COLUMNS)
+    assert text_table(ROWS, [keyed("nowhere", "nothing"), *COLUMNS]) == text_table(ROWS, COLUMNS)
+    assert "nothing" in text_table([], [keyed("nowhere", "nothing")])
 
 
 def test_markdown():

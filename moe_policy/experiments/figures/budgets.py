@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from moe_policy.experiments.curves import band, over_seeds
-from moe_policy.experiments.tables import looks, save_figure
+from moe_policy.experiments.figures.style import looks, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moe_policy.experiments.tables import COLORS, cluster_color, save_figure
+from moe_policy.experiments.figures.style import COLORS, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moe_policy.experiments.tables import COLORS, cluster_color, save_figure
+from moe_policy.experiments.figures.style import COLORS, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.protocols import Planner

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from moe_policy.experiments.figures.style import looks, save_figure
 from moe_policy.experiments.perturbations import Perturbation
-from moe_policy.experiments.tables import looks, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

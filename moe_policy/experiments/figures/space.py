@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from moe_policy.experiments.figures.cases import find_flip, plan_violations
-from moe_policy.experiments.tables import COLORS, cluster_color, save_figure
+from moe_policy.experiments.figures.style import COLORS, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
 from moe_policy.planners.nearest import NearestPlanner
 from ocp_envs.data.samples import Samples

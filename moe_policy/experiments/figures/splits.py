@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from moe_policy.experiments.figures.style import looks, save_figure
 from moe_policy.experiments.splits import SPLITS, metrics_of
-from moe_policy.experiments.tables import looks, save_figure
 from ocp_envs.problem import OptimalControlProblem
 
 if TYPE_CHECKING:

@@ -1,0 +1,103 @@
+"""One style for all figures, and how they are saved."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ocp_envs.support.files import replacing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: matplotlib's settings of all figures.
+STYLE: dict[str, Any] = {
+    "figure.dpi": 100,
+    "savefig.dpi": 160,
+    "font.size": 9,
+    "axes.titlesize": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#dddddd",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+}
+#: Colours of Okabe and Ito, which colour-blind readers distinguish, too.
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
+_CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
+_LINES = ("-", "--", ":", "-.")
+
+
+def cluster_color(cluster: int) -> str:
+    """The colour of a cluster; they repeat after twelve."""
+    return _CLUSTER_COLORS[cluster % len(_CLUSTER_COLORS)]
+
+
+def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Colour and line of each method in a figure, for matplotlib: variants of one policy share its colour.
+
+    Args:
+        names: as in the tables, where a variant has the name of its policy before a comma, as in ``"snn, half turn"``.
+    """
+    variants: dict[str, int] = {}  # of each policy, so far
+    found: dict[str, dict[str, Any]] = {}
+    for name in dict.fromkeys(names):
+        policy = name.split(", ")[0]
+        nth = variants[policy] = variants.get(policy, -1) + 1
+        color = COLORS[list(variants).index(policy) % len(COLORS)]
+        found[name] = {"color": color, "linestyle": _LINES[nth % len(_LINES)]}
+    return found
+
+
+#: Formats of figures, and the metadata that is left out, so that equal figures are equal files.
+_METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
+
+
+def _in_a_palette(png: BytesIO) -> bytes:
+    """``png`` with a palette of 256 colours, at a third of its size."""
+    from PIL import Image
+
+    small, image = BytesIO(), Image.open(png)
+    palette = image.convert("RGB").quantize(256, Image.Quantize.MEDIANCUT, kmeans=1, dither=Image.Dither.NONE)
+    palette.save(small, format="PNG", optimize=True, dpi=image.info["dpi"])
+    return small.getvalue()
+
+
+def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: Callable[[Figure], None]) -> Path:
+    """Draw a figure in the common style and save it, each file in one step.
+
+    Args:
+        path: file to write, ``.png`` or ``.pdf``; without such a suffix both are written. Missing folders are made.
+        size: width and height in inches.
+        draw: fills an empty figure.
+
+    Returns:
+        the file, the PNG of both.
+
+    Raises:
+        ImportError: matplotlib is missing; it comes with the extra ``plots``.
+    """
+    try:
+        import matplotlib
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError('figures need matplotlib; install it with: pip install "ocp-moe[plots]"') from error
+    target = Path(path)
+    files = [target] if target.suffix in _METADATA else [target.with_name(target.name + kind) for kind in _METADATA]
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        FigureCanvasAgg(figure)
+        draw(figure)
+        for file in files:
+            drawn = BytesIO()
+            figure.savefig(drawn, format=file.suffix[1:], metadata=_METADATA[file.suffix])
+            with replacing(file) as content:
+                content.write(_in_a_palette(drawn) if file.suffix == ".png" else drawn.getvalue())
+    return files[0]
