@@ -3,8 +3,8 @@
 With H = 1 + u² + λ₁ ω + λ₂ (u − sin θ), the minimum principle gives u = clip(−λ₂ / 2, −1, 1), λ̇₁ = λ₂ cos θ and
 λ̇₂ = −λ₁. The final time is free, so H = 0, and at the goal (θ, ω) = (π, 0) this leaves λ₂ = ∓2, |u| = 1. All extremals
 are therefore two one-parameter families in λ₁(t_f), mirror images of each other about the upright position, and an
-initial state lies on finitely many of them within 8 s. The cheapest is the global optimum in continuous time, from which
-a plan with controls held over 24 intervals differs by its discretisation alone.
+initial state lies on finitely many of them within 8 s. The cheapest is the global optimum in continuous time. A plan
+with controls held over 24 intervals differs from it by its discretisation alone.
 """
 
 from __future__ import annotations
