@@ -25,9 +25,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 import ocp_envs
+from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.warm_starts import local_fit
 from ocp_envs.data.worker import start_from
 from ocp_envs.problem import OptimalControlProblem
@@ -101,18 +101,18 @@ def warm_starts(
     problem: OptimalControlProblem, solve: Solve, parameters: Array, size: int, seed: int
 ) -> dict[str, Trajectory]:
     """For every winding of every parameter, what ``size`` solved problems say: the nearest one, and a fit."""
-    count, width = len(problem.targets), problem.parameters.width
+    count = len(problem.targets)
     stored, windings = draw(problem, size, seed)
     start = guesses(problem, stored, windings, np.random.default_rng(seed), "line")
     solutions = solve(stored, start, windings)
     nearest, fitted = [], []
     for winding in range(count):
         usable = np.flatnonzero(solutions.solved & (windings == winding))
-        tree, wanted = cKDTree(stored[usable] / width), parameters[winding::count] / width
-        distance, around = tree.query(wanted, k=min(FIT, len(usable)))
+        known, wanted = Neighbours(problem.parameters, stored[usable]), parameters[winding::count]
+        distance, around = known.nearest(wanted, FIT)
         z = solutions.trajectory[usable].flat().astype(np.float32)
         nearest.append(z[around[:, 0]])
-        fitted.append(local_fit(tree.data[around] - wanted[:, None], distance, z[around]))
+        fitted.append(local_fit(known.offsets(wanted, around), distance, z[around]))
     order = np.argsort(np.tile(np.arange(len(parameters) // count), count), kind="stable")
     return {
         kind: start_from(problem, parameters, np.concatenate(parts)[order])

@@ -16,6 +16,7 @@ import numpy as np
 from moe_policy.experiments.figures.style import COLORS, save_figure
 from ocp_envs.data.database import MISSING, Database
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.solvers.accuracy import Accuracy, accuracy
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.nlp import Status
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
 
 #: Gaps below which two modes count as close.
 CLOSE = (0.001, 0.01, 0.03)
-_TINY = 1e-12
 _BINS_PER_DECADE = 5
 #: Levels of the quantiles that are reported.
 LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -135,9 +135,7 @@ def contents(database: Database) -> Contents:
         statuses += np.bincount(rows.status[there], minlength=len(Status))
         cost = np.where(full, rows.cost, np.inf)
         best += np.bincount(cost[count > 0].argmin(axis=1), minlength=modes)
-        lowest = np.sort(cost[count > 1], axis=1)
-        if modes > 1:
-            gaps.append((lowest[:, 1] - lowest[:, 0]) / np.maximum(np.abs(lowest[:, 0]), _TINY))
+        gaps.append(relative_cost_difference(cost[count > 1]))
     return Contents(
         problem=problem,
         size=len(database),

@@ -28,16 +28,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import Argmax, MixtureOfExperts
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout
+from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.trajectory import Trajectory
 
@@ -151,7 +152,7 @@ def explain(
         [Cause.TRACKER, Cause.GATE, Cause.DATA],
         Cause.EXPERT,
     )
-    gap, predicted = _relative_gap(cases.mode_costs), problem.goal_error(plan.states[:, -1])
+    gap, predicted = relative_cost_difference(cases.mode_costs), problem.goal_error(plan.states[:, -1])
     return [
         Failure(
             index=int(cases.index[i]),
@@ -243,18 +244,15 @@ def _nearest(training: Samples, cases: Samples, neighbours: int) -> tuple[NDArra
         their rows, nearest first, −1 where there are no more, (B, neighbours), and the distance to the first of them,
         +inf where there is none, (B,).
     """
-    box = cases.problem.parameters
-    width = box.width
     rows = np.full((len(cases), neighbours), -1, dtype=np.int64)
     distance = np.full(len(cases), np.inf)
     for mode in np.unique(cases.mode):
         here, members = np.flatnonzero(cases.mode == mode), np.flatnonzero(training.mode == mode)
         if not len(members):
             continue
-        count = min(neighbours, len(members))
-        tree = cKDTree(training.parameters[members] / width)
-        away, found = tree.query(cases.parameters[here] / width, k=range(1, count + 1))
-        rows[here, :count] = members[found]
+        stored = Neighbours(cases.problem.parameters, training.parameters[members])
+        away, found = stored.nearest(cases.parameters[here], neighbours)
+        rows[here, : found.shape[1]] = members[found]
         distance[here] = away[:, 0]
     return rows, distance
 
@@ -268,14 +266,6 @@ def _reachable(training: Samples, rows: NDArray[np.int64], p: Array, trial: _Tri
             plan = training.trajectory[column[there]]
             reachable[there] |= trial.success(trial.episodes(p[there], plan))
     return reachable
-
-
-def _relative_gap(costs: Array) -> Array:
-    """(second − best) / |best| of the modes' costs (B, modes), not finite where there is no second one."""
-    if costs.shape[1] < 2:
-        return np.full(len(costs), np.inf)
-    best, second = np.sort(costs, axis=1)[:, :2].T
-    return np.asarray((second - best) / np.where(best == 0, np.nan, np.abs(best)))
 
 
 def _number(value: np.floating[Any]) -> float | None:

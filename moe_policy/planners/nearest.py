@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from moe_policy.store import ModelFile, write_model
+from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.trajectory import Trajectory
@@ -27,8 +27,7 @@ class NearestPlanner:
         samples = samples_of(database)
         self.problem, self.name = samples.problem, name
         self.parameters, self.trajectory, self.mode = samples.parameters, samples.trajectory, samples.mode
-        self._width = self.problem.parameters.width
-        self._tree = cKDTree(self.parameters / self._width)
+        self._stored = Neighbours(self.problem.parameters, self.parameters)
 
     def samples(self) -> Samples:
         """What is stored, as samples to learn or to start from."""
@@ -39,7 +38,7 @@ class NearestPlanner:
         if not 1 <= k <= len(self.parameters):
             raise ValueError(f"k must lie in 1 … {len(self.parameters)}, the number of stored samples; got {k}")
         checked = self.problem.check_parameters(p, extrapolate=True)
-        return np.asarray(self._tree.query(checked / self._width, k=range(1, k + 1))[1], dtype=np.int64)
+        return self._stored.nearest(checked, k)[1]
 
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters (B, np) or (np,)."""

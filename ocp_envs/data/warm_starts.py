@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import cloudpickle
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ocp_envs.data.database import Database
+from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.data.worker import PATIENCE, Chunk
 from ocp_envs.support.arrays import Array
@@ -29,10 +28,8 @@ class Library:
     """
 
     def __init__(self, database: Database, count: int) -> None:
-        box = database.problem.parameters
-        self._width = box.width
-        parameters = database.stored_parameters(slice(0, count)) / self._width
-        self._tree = cKDTree(parameters)
+        box, parameters = database.problem.parameters, database.stored_parameters(slice(0, count))
+        self._all = Neighbours(box, parameters)
         costs: list[Array] = []
         found: dict[int, list[tuple[NDArray[np.int64], NDArray[np.float32]]]] = {}
         for where, rows in database.blocks(count):
@@ -42,30 +39,27 @@ class Library:
                 if len(have):
                     found.setdefault(mode, []).append((have + where.start, rows.z[have, mode].astype(np.float32)))
         self._cost = np.concatenate(costs)
-        self._by_mode: dict[int, tuple[Any, NDArray[np.float32]]] = {}
+        self._by_mode: dict[int, tuple[Neighbours, NDArray[np.float32]]] = {}
         for mode in sorted(found):
             at = np.concatenate([row for row, _ in found[mode]])
-            self._by_mode[mode] = (cKDTree(parameters[at]), np.concatenate([z for _, z in found.pop(mode)]))
+            self._by_mode[mode] = (Neighbours(box, parameters[at]), np.concatenate([z for _, z in found.pop(mode)]))
 
     def warm_starts(
         self, parameters: Array, settings: GenerationSettings
     ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """Row and flat guess of every warm start of ``parameters`` (B, np), ordered by row."""
-        scaled = parameters / self._width
-        look = range(1, min(settings.lookaround, len(self._cost)) + 1)
-        cost = self._cost[self._tree.query(scaled, k=look)[1]]
+        cost = self._cost[self._all.nearest(parameters, settings.lookaround)[1]]
         with np.errstate(invalid="ignore"):
             best = cost.min(axis=2, keepdims=True)
             near = cost <= best + settings.margin * np.abs(best)
         wanted = (near & np.isfinite(cost)).any(axis=1)
         owner, guess = [], []
-        for mode, (tree, z) in self._by_mode.items():
+        for mode, (stored, z) in self._by_mode.items():
             rows = np.flatnonzero(wanted[:, mode])
-            count = min(settings.fit or settings.neighbours, len(z))
-            distance, nearest = tree.query(scaled[rows], k=range(1, count + 1))
-            if settings.fit and count > scaled.shape[1]:
+            distance, nearest = stored.nearest(parameters[rows], settings.fit or settings.neighbours)
+            if settings.fit and nearest.shape[1] > parameters.shape[1]:
                 owner.append(rows)
-                guess.append(local_fit(tree.data[nearest] - scaled[rows, None], distance, z[nearest]))
+                guess.append(local_fit(stored.offsets(parameters[rows], nearest), distance, z[nearest]))
             else:
                 nearest = nearest[:, : settings.neighbours]
                 owner.append(np.repeat(rows, nearest.shape[1]))

@@ -31,15 +31,21 @@ def has_jump(problem: OptimalControlProblem) -> bool:
     return problem.free is not None or len(problem.modes) > 1
 
 
-def gaps(mode_costs: Array) -> Array:
-    """The relative gap between the two cheapest modes, (B,), of costs (B, modes); +inf where there are no two."""
-    if mode_costs.shape[1] < 2:
-        return np.full(len(mode_costs), np.inf)
-    best, second = np.partition(mode_costs, 1, axis=1)[:, :2].T
-    known = np.isfinite(second)
-    gap = np.full(len(mode_costs), np.inf)
-    gap[known] = second[known] / best[known] - 1
-    return gap
+def relative_cost_difference(mode_costs: Array) -> Array:
+    """(J_second − J_best) / |J_best| of the two cheapest families, (B,).
+
+    Args:
+        mode_costs: best known cost of every family, +inf where none is, (B, modes).
+
+    Returns:
+        the differences; +inf where no two families are known, or the best costs nothing.
+    """
+    difference = np.full(len(mode_costs), np.inf)
+    if mode_costs.shape[1] > 1:
+        best, second = np.partition(mode_costs, 1, axis=1)[:, :2].T
+        known = np.isfinite(second) & (best != 0)
+        difference[known] = (second[known] - best[known]) / np.abs(best[known])
+    return difference
 
 
 def off_centre(problem: OptimalControlProblem, p: Array, solver: GuardedSolver | None = None) -> Array:
@@ -94,4 +100,4 @@ def distance_to_jump(problem: OptimalControlProblem, p: Array, mode_costs: Array
         p: parameters, (B, np).
         mode_costs: best known cost of every mode, (B, modes).
     """
-    return off_centre(problem, p) if problem.free is not None else gaps(mode_costs)
+    return off_centre(problem, p) if problem.free is not None else relative_cost_difference(mode_costs)

@@ -20,7 +20,7 @@ from ocp_envs import tables
 from ocp_envs.data.generation import generate
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.sets.discontinuity import gaps, off_centre
+from ocp_envs.sets.discontinuity import off_centre, relative_cost_difference
 from ocp_envs.sets.outside import excess, sample_outside
 from ocp_envs.sets.reference import Reference
 from ocp_envs.sets.sampling import Conditioned, sample
@@ -109,7 +109,7 @@ class NearJump:
         p = sample(problem, self.seed, self.drawn, workers=workers)
         path = folder / "boundary-candidates.zarr"
         costs = generate(problem, path, p, workers=workers, seed=self.seed, settings=self.cheap).costs()
-        gap = gaps(costs)
+        gap = relative_cost_difference(costs)
         near = np.flatnonzero(gap < self.slack)
         chosen = near[: round(self.spare * self.size)]
         record = {
@@ -122,7 +122,7 @@ class NearJump:
         return Candidates(p[chosen], costs[chosen], record)
 
     def fits(self, problem: OptimalControlProblem, parameters: Array, mode_costs: Array) -> NDArray[np.bool_]:
-        return np.asarray(gaps(mode_costs) < self.limit)
+        return np.asarray(relative_cost_difference(mode_costs) < self.limit)
 
 
 @dataclass(frozen=True)

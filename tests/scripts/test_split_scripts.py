@@ -11,7 +11,7 @@ from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.sets import reference
-from ocp_envs.sets.discontinuity import gaps
+from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.sets.hard_sets import ONE_ROUND, NearJump, OutsideBox
 from scripts import compare_splits, make_splits
 
@@ -54,7 +54,7 @@ def test_make_splits_ships_sets_and_their_record(made):
         assert part["solves"]["problems"] == part["candidates"]
         assert {"date", "commit", "cores", "versions"} <= set(part["provenance"])
     assert record["boundary"]["drawn"] == 40
-    assert (gaps(reference.load(PENDULUM, "boundary", made / "tables").mode_costs) < 0.4).all()
+    assert (relative_cost_difference(reference.load(PENDULUM, "boundary", made / "tables").mode_costs) < 0.4).all()
     databases = {path.name for path in (made / "data" / PENDULUM.id / "hard").glob("*.zarr")}
     assert databases == {"boundary-candidates.zarr", "boundary.zarr", "outside.zarr"}
 

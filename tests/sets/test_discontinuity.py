@@ -7,7 +7,7 @@ import ocp_envs
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE
-from ocp_envs.sets.discontinuity import distance_to_jump, gaps, has_jump, off_centre
+from ocp_envs.sets.discontinuity import distance_to_jump, has_jump, off_centre, relative_cost_difference
 from ocp_envs.sets.free_paths import solve_free
 from ocp_envs.solvers.solver import GuardedSolver
 from tests.small_problems import DOUBLE_INTEGRATOR
@@ -17,17 +17,19 @@ START = np.array([8.0, -6.0, 4.0])
 
 def test_the_gap_is_between_the_two_cheapest_modes():
     costs = np.array([[4.0, 2.0, 3.0], [np.inf, 5.0, 5.0], [np.inf, 7.0, np.inf], [np.inf] * 3])
-    np.testing.assert_allclose(gaps(costs), [0.5, 0.0, np.inf, np.inf])
-    np.testing.assert_array_equal(gaps(np.ones((3, 1))), np.inf)
-    np.testing.assert_allclose(distance_to_jump(PENDULUM, np.zeros((4, 2)), costs), gaps(costs))
+    np.testing.assert_allclose(relative_cost_difference(costs), [0.5, 0.0, np.inf, np.inf])
+    np.testing.assert_allclose(relative_cost_difference(np.array([[-1.0, -2.0], [0.0, 1.0]])), [0.5, np.inf])
+    np.testing.assert_array_equal(relative_cost_difference(np.ones((3, 1))), np.inf)
+    np.testing.assert_allclose(distance_to_jump(PENDULUM, np.zeros((4, 2)), costs), relative_cost_difference(costs))
 
 
 def test_pendulum_and_mirror_image_have_the_same_gap():
     """Reflected about upright: θ → 2π − θ, ω → −ω."""
     theta, omega = 2.2, 1.4
     here, there = (ocp_envs.solve(PENDULUM, p).modes.cost for p in ([theta, omega], [2 * np.pi - theta, -omega]))
-    np.testing.assert_allclose(gaps(here[None]), gaps(there[None]), rtol=1e-4)
-    np.testing.assert_allclose(gaps(here[None]), np.diff(np.sort(here))[:1] / here.min(), rtol=1e-12)
+    differences = relative_cost_difference(np.stack([here, there]))
+    np.testing.assert_allclose(differences[0], differences[1], rtol=1e-4)
+    np.testing.assert_allclose(differences[0], np.diff(np.sort(here))[0] / here.min(), rtol=1e-12)
 
 
 def test_which_problems_jump():

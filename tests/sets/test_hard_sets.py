@@ -13,7 +13,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.sets import hard_sets, reference
-from ocp_envs.sets.discontinuity import gaps, off_centre
+from ocp_envs.sets.discontinuity import off_centre, relative_cost_difference
 from ocp_envs.sets.hard_sets import ONE_ROUND, NearJump, OutsideBox, make, smaller
 from ocp_envs.sets.outside import excess, sample_outside
 from ocp_envs.sets.sampling import sample
@@ -33,7 +33,7 @@ def test_problems_near_the_jump(tmp_path, monkeypatch):
     wide = NearJump(seed=1, drawn=40, size=3, limit=0.4, slack=0.5, spare=3.0, cheap=FEW, settings=FEW)
     made, record = make(PENDULUM, "boundary", wide, tmp_path, workers=1)
     assert len(made) == 3
-    assert (gaps(made.mode_costs) < 0.4).all()
+    assert (relative_cost_difference(made.mode_costs) < 0.4).all()
     assert np.isin(made.parameters, sample(PENDULUM, 1, 40)).all()
     assert record["confirmed"] <= record["candidates"] <= record["within_slack"] < record["drawn"]
     assert 0 < record["share_within_limit"] < 0.5
@@ -131,7 +131,7 @@ def test_shipped_sets_are_those_that_are_declared(problem, name):
         return
     assert problem.parameters.contains(p).all()
     if problem.free is None:
-        assert (gaps(shipped.mode_costs) < declared.limit).all()
+        assert (relative_cost_difference(shipped.mode_costs) < declared.limit).all()
         drawn = {row.tobytes() for row in sample(problem, declared.seed, declared.drawn)}
         assert all(row.tobytes() in drawn for row in p)
     else:

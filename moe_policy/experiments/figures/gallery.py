@@ -29,6 +29,7 @@ from moe_policy.planners.network import NetworkPlanner
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.solvers.solver import GuardedSolver, solve
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
@@ -120,13 +121,13 @@ class Drawing:
 
 def _jump(material: Material, path: Path) -> dict[str, Any]:
     validation = material.validation
-    costs = np.sort(validation.mode_costs, axis=1)
-    chosen = int((costs[:, 1] / costs[:, 0]).argmin())
+    differences = relative_cost_difference(validation.mode_costs)
+    chosen = int(differences.argmin())
     p = validation.parameters[chosen]
     plans = {name: planner(p) for name, planner in material.pair.items()}
     optimal = validation.trajectory[chosen]
     figures.discontinuity_figure(path, material.training, material.families, optimal, plans)
-    return {"parameters": p, "relative_cost_of_the_second_mode": float(costs[chosen, 1] / costs[chosen, 0] - 1)}
+    return {"parameters": p, "relative_cost_of_the_second_mode": float(differences[chosen])}
 
 
 def _clusters(material: Material, path: Path) -> dict[str, Any]:

@@ -1,0 +1,39 @@
+"""The nearest of many parameters, every coordinate of p divided by the width of its box."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.system import Box
+
+
+class Neighbours:
+    """A search among stored parameters.
+
+    Args:
+        box: of the parameters.
+        parameters: among which to search, (M, np).
+    """
+
+    def __init__(self, box: Box, parameters: Array) -> None:
+        self._width = box.width
+        self._tree = cKDTree(parameters / box.width)
+
+    def nearest(self, p: Array, k: int) -> tuple[Array, Ints]:
+        """The ``k`` nearest of the stored parameters, nearest first, or all of them where there are fewer.
+
+        Args:
+            p: (B, np).
+            k: how many, at least 1.
+
+        Returns:
+            distances in box widths, (B, k), and rows of the stored parameters, (B, k).
+        """
+        distance, rows = self._tree.query(p / self._width, k=range(1, min(k, self._tree.n) + 1))
+        return np.asarray(distance), np.asarray(rows, dtype=np.int64)
+
+    def offsets(self, p: Array, rows: Ints) -> Array:
+        """From parameters (B, np) to the stored ones at ``rows`` (B, k), in box widths, (B, k, np)."""
+        return np.asarray(self._tree.data[rows] - (p / self._width)[:, None])
