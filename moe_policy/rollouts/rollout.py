@@ -18,13 +18,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from moe_policy.protocols import PlanningPolicy, Policy, Schedule
 from moe_policy.rollouts.episodes import Episodes as Episodes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.batch import BatchFunction
+from ocp_envs.support.clock import count_steps
 
 
 class _Log:
@@ -54,8 +55,8 @@ class _Log:
         self.plan_end = np.full(size, -1)
         self.knot_violation = np.full(size, np.nan)
         if schedule is not None:
-            self.judging = np.minimum(_ticks(schedule.judging, dt), ticks)
-            self.plan_end = np.minimum(_ticks(schedule.plan_end, dt), ticks)
+            self.judging = np.minimum(count_steps(schedule.judging, dt), ticks)
+            self.plan_end = np.minimum(count_steps(schedule.plan_end, dt), ticks)
             self.knot_violation = np.where(np.isfinite(schedule.knot_step), 0.0, np.nan)
         else:
             self._judge_after_hold(self.entry == 0, 0)
@@ -67,7 +68,7 @@ class _Log:
         self._look(0, self.entry == 0)
 
     def _judge_after_hold(self, rows: Bools, tick: int) -> None:
-        self.judging[rows] = min(tick + math.ceil(self.problem.hold / self.dt - 1e-6), self.ticks)
+        self.judging[rows] = min(tick + int(count_steps(self.problem.hold, self.dt)), self.ticks)
 
     def _violation(self, states: Array, contexts: Array) -> Array:
         assert self._clearances is not None
@@ -134,10 +135,6 @@ class _Log:
             clipped=none if self.schedule is None else self.schedule.clipped,
             rejected=none if self.schedule is None else self.schedule.rejected,
         )
-
-
-def _ticks(seconds: Array, dt: float) -> NDArray[np.int64]:
-    return np.asarray(np.ceil(seconds / dt - 1e-6), dtype=np.int64)
 
 
 def _run(envs: gym.vector.VectorEnv[Any, Any, Any], policy: Policy, p: Array, ticks: int, record: bool) -> Episodes:
@@ -235,7 +232,7 @@ def rollout(
     p = problem.check_parameters(parameters, extrapolate=True)
     if len(p) == 0:
         raise ValueError(f"{problem.id}: expected parameters of at least one episode, got none")
-    ticks, n = math.ceil(horizon / base.dt - 1e-9), envs.num_envs
+    ticks, n = int(count_steps(horizon, base.dt)), envs.num_envs
     parts = []
     for first in range(0, len(p), n):
         batch = p[first : first + n]
