@@ -15,7 +15,9 @@ from typing import Any
 
 from moe_policy.experiments.budgets import BUDGET_COLUMNS
 from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS
-from moe_policy.experiments.latency import PLANNING_COLUMNS, SOLVER_COLUMNS, planning_rows
+from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
+from moe_policy.experiments.records import read
+from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
 from moe_policy.experiments.splits import SPLIT_COLUMNS
 from moe_policy.experiments.summary import OVERVIEW_COLUMNS, summary_columns
 from moe_policy.experiments.tables import Column, markdown_table
@@ -26,8 +28,6 @@ BLOCK = re.compile(r"(<!-- table: (\S+)(?: (\w+))? -->\n).*?(<!-- end -->)", re.
 
 
 def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
-    if name.startswith("benchmark_planning"):
-        return SOLVER_COLUMNS
     if name.startswith("budgets"):
         return BUDGET_COLUMNS
     if name == "table_summary":
@@ -40,9 +40,13 @@ def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
 
 
 def table_of(name: str, part: str | None) -> str:
-    record = json.loads((ROOT / "results" / f"{name}.json").read_text())
-    if part == "planning":
-        return markdown_table(planning_rows(record), PLANNING_COLUMNS)
+    path = ROOT / "results" / f"{name}.json"
+    if name.startswith("benchmark_planning"):
+        latency = read(path, Latency)
+        if part == "planning":
+            return markdown_table(planning_rows(latency), PLANNING_COLUMNS)
+        return markdown_table(latency.solver, SOLVER_COLUMNS)
+    record = json.loads(path.read_text())
     return markdown_table(record[part or "rows"], columns_of(name, record))
 
 

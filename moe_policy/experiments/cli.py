@@ -7,6 +7,7 @@ where a script makes models or tables, into the package). ``--results`` names an
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import NoReturn
 
@@ -110,6 +111,12 @@ def positive(text: str) -> int:
 def threads() -> None:
     """Keep PyTorch to one thread: the networks are too small to gain from more."""
     torch.set_num_threads(1)
+
+
+def one_core() -> None:
+    """Keep this process and those that it starts, such as the solver's, to one core."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
 def say(text: str = "") -> None:

@@ -1,36 +1,95 @@
-"""How long planning, solving and one control step take, measured side by side.
+"""Duration of planning, of solving and of one control step.
 
-What is compared takes turns, a few problems at a time, so that other load on the machine meets all alike.
+Methods take turns, a few instances at a time, so that other load on the machine affects all of them.
 """
 
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.tables import DASH, duration, keyed
+from moe_policy.experiments.records import Record
+from moe_policy.experiments.speed.guesses import SolveRow, median_of
+from moe_policy.experiments.tables import Column, duration
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import environments
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses, random_kind
-from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
-from ocp_envs.trajectory import Trajectory
+from ocp_envs.support.provenance import Provenance
 
-#: Plans of a call. The solver takes its time over the large one.
+#: Plans in a call. The solver takes minutes for the large one.
 BATCHES = (1, 1000)
-#: Problems that one way of starting the solver gets before it is the next one's turn.
-TURN = 10
-#: A solution costs no more than this above the best known one to be it, relatively.
-SAME = 1e-3
-#: p (B, np) → row of p, guess and index of the goal's winding (−1: the one nearest to the guess's end) of every solve.
-Start = Callable[[Array], tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]]
+
+
+# -- records -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanRow(Record):
+    """Time of a plan.
+
+    Args:
+        name: of the planner.
+        seconds: for each plan, by size of the batch.
+        ratio: time of the first planner / time of this one, by size of the batch.
+    """
+
+    name: str
+    seconds: dict[str, float]
+    ratio: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepRow(Record):
+    """Times of one method in an episode, medians.
+
+    Args:
+        name: of the method.
+        plan_seconds: a plan; ``None`` for a method that does not plan.
+        regulators_seconds: the gains along it; ``None`` for a method that does not plan.
+        step_seconds: a control step after that.
+        step_share_of_period: that time as a fraction of the control period.
+    """
+
+    name: str
+    plan_seconds: float | None
+    regulators_seconds: float | None
+    step_seconds: float
+    step_share_of_period: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Latency(Record):
+    """Times of planning, solving and control steps on one problem.
+
+    Args:
+        env_id: id of the problem.
+        cases: number of instances that are solved.
+        dt: control period, seconds.
+        planners: the optimal planner first.
+        solver: by kind of guess, random ones first.
+        steps: by method.
+        provenance: of the record.
+    """
+
+    env_id: str
+    cases: int
+    dt: float
+    planners: tuple[PlanRow, ...]
+    solver: tuple[SolveRow, ...]
+    steps: tuple[StepRow, ...]
+    provenance: Provenance
+
+
+# -- planners ----------------------------------------------------------------------------------------------------------
 
 
 def time_planner(
@@ -60,21 +119,18 @@ def time_planner(
 
 def planner_rows(
     planners: Mapping[str, Planner], p: Array, batches: Sequence[int], turns: int = 3, calls: int = 20
-) -> list[dict[str, Any]]:
-    """Seconds a plan of each planner, for each size of batch: the median over its calls.
+) -> tuple[PlanRow, ...]:
+    """Seconds for each plan of each planner: medians over its calls.
 
     Args:
-        planners: by name; the first one is what the others are compared with.
+        planners: by name; the others are compared with the first one.
         p: parameters, (n, np), repeated to fill the calls.
         batches: sizes of a call.
-        turns: how often it is each planner's turn; in each, a batch of 1 is planned ``calls`` times, a larger one once.
+        turns: turns of each planner; in each, a batch of 1 is planned ``calls`` times, a larger one once.
         calls: of a batch of 1 in a turn.
-
-    Returns:
-        for each planner ``seconds`` and ``ratio``, the first planner's time / its time, by batch (as text, for JSON).
     """
-    taken: dict[str, dict[int, list[float]]] = {name: {batch: [] for batch in batches} for name in planners}
-    for planner in planners.values():  # starts what has to be started
+    taken: dict[tuple[str, int], list[float]] = defaultdict(list)
+    for planner in planners.values():  # starts processes, compiles
         planner(p[:2])
     for turn in range(turns):
         for name, planner in planners.items():
@@ -84,173 +140,109 @@ def planner_rows(
                     rows = p[np.arange(call * batch, (call + 1) * batch) % len(p)]
                     began = time.perf_counter()
                     planner(rows)
-                    taken[name][batch].append((time.perf_counter() - began) / batch)
-    seconds = {name: {str(batch): float(np.median(t)) for batch, t in by.items()} for name, by in taken.items()}
+                    taken[name, batch].append((time.perf_counter() - began) / batch)
+    seconds = {name: {str(batch): float(np.median(taken[name, batch])) for batch in batches} for name in planners}
     first = seconds[next(iter(planners))]
-    return [
-        {"name": name, "seconds": own, "ratio": {batch: first[batch] / value for batch, value in own.items()}}
+    return tuple(
+        PlanRow(name=name, seconds=own, ratio={batch: first[batch] / value for batch, value in own.items()})
         for name, own in seconds.items()
-    ]
+    )
 
 
-def cold(problem: OptimalControlProblem, kind: str, seed: int = 0) -> Start:
-    """A guess to every winding of the goal: ``"line"`` or ``"random"``, as the multistart draws them."""
-
-    def start(p: Array) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
-        count = len(problem.targets)
-        rows, windings = np.repeat(np.arange(len(p)), count), np.tile(np.arange(count), len(p))
-        rng = np.random.default_rng((seed, *p[0].view(np.uint64).tolist()))
-        drawn = "line" if kind == "line" else random_kind(problem)
-        return rows, guesses(problem, p[rows], windings, rng, drawn), windings
-
-    return start
-
-
-def warm(planner: Planner) -> Start:
-    """The plan of ``planner``, to the goal nearest to its end."""
-
-    def start(p: Array) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
-        return np.arange(len(p)), planner(p), np.full(len(p), NEAREST_WINDING)
-
-    return start
-
-
-def solver_rows(
-    problem: OptimalControlProblem,
-    solver: GuardedSolver,
-    starts: Mapping[str, Start],
-    p: Array,
-    best: Array,
-) -> list[dict[str, Any]]:
-    """What a solve costs from each way of starting it, and how often it ends at the best known cost.
-
-    Args:
-        problem: the problem.
-        solver: what solves.
-        starts: ways of starting by name; the first one is what the others are compared with.
-        p: problems, (B, np).
-        best: best known costs, (B,).
-
-    Returns:
-        for each way: solves, those that were verified and those that hung; problems with a solution and with the best
-        one (by the cheapest of its solves); median iterations and milliseconds of a verified solve, ``None`` without
-        any; wall time for each problem, guesses, hangs and checks included, and ``ratio``, the first way's / its own.
-    """
-    kept: dict[str, list[tuple[Any, ...]]] = {name: [] for name in starts}
-    for start in starts.values():  # a first few solves warm up
-        rows, guess, windings = start(p[:2])
-        solver.solve(p[:2][rows], guess, windings, retry_with_fallback=False)
-    for begin in range(0, len(p), TURN):
-        part = p[begin : begin + TURN]
-        for name, start in starts.items():
-            restarts, began = solver.restarts, time.perf_counter()
-            rows, guess, windings = start(part)
-            found = solver.solve(part[rows], guess, windings, retry_with_fallback=False)
-            seconds, hung = time.perf_counter() - began, solver.restarts - restarts
-            cheapest = np.full(len(part), np.inf)
-            np.minimum.at(cheapest, rows, found.cost)
-            kept[name].append((found.solved, found.iterations, found.seconds, cheapest, seconds, hung))
-    result: list[dict[str, Any]] = []
-    for name, parts in kept.items():
-        solved, iterations, each, cheapest = (np.concatenate(values) for values in list(zip(*parts))[:4])
-        seconds = sum(part[4] for part in parts) / len(p)
-        result.append(
-            {
-                "name": name,
-                "problems": len(p),
-                "solves": len(solved),
-                "verified": int(solved.sum()),
-                "hung": sum(part[5] for part in parts),
-                "solved_problems": int(np.isfinite(cheapest).sum()),
-                "best_known": int((cheapest <= best * (1 + SAME)).sum()),
-                "iterations_median": float(np.median(iterations[solved])) if solved.any() else None,
-                "milliseconds_median": float(1e3 * np.median(each[solved])) if solved.any() else None,
-                "seconds_per_problem": seconds,
-                "ratio": result[0]["seconds_per_problem"] / seconds if result else 1.0,
-            }
-        )
-    return result
+# -- control steps -----------------------------------------------------------------------------------------------------
 
 
 def step_rows(
-    problem: OptimalControlProblem, methods: Sequence[Method], p: Array, dt: float = 0.02, ticks: int = 50
-) -> list[dict[str, Any]]:
+    problem: OptimalControlProblem, methods: Sequence[Method], p: Array, dt: float = 0.02, steps: int = 50
+) -> tuple[StepRow, ...]:
     """Seconds of a control step of one environment, and of what a planner does before the first one.
 
     Args:
         problem: the problem.
-        methods: who acts.
-        p: starts, (B, np), B ≥ 2, an episode each; the first one warms up.
+        methods: planners and policies; names must differ.
+        p: parameters of the episodes, (B, np), B ≥ 2; the first one warms up.
         dt: control period, seconds.
-        ticks: of an episode.
-
-    Returns:
-        medians for each method: a plan and the setting up of the regulators along it, ``None`` where nothing is
-        planned; a step after that, and its share of the control period.
+        steps: maximum number of control steps of an episode.
     """
     policies = {method.name: method.policy(problem, dt) for method in methods}
-    taken: dict[str, dict[str, list[float]]] = {name: {"plan": [], "regulators": [], "step": []} for name in policies}
+    taken: dict[tuple[str, str], list[float]] = defaultdict(list)
     envs = environments(problem, 1, dt)
     for number, row in enumerate(p):
         for name, policy in policies.items():
-            own = taken[name] if number else {"plan": [], "regulators": [], "step": []}
-            observation, _ = envs.reset(options={"parameters": row[None], "extrapolate": True})
-            state: Any = None
-            if isinstance(policy, TrackingPolicy):
-                began = time.perf_counter()
-                plan = policy.planner(row[None])
-                planned = time.perf_counter()
-                state = policy.follow(plan, problem.start(row[None])[1])
-                own["plan"].append(planned - began)
-                own["regulators"].append(time.perf_counter() - planned)
-            for tick in range(ticks):
-                began = time.perf_counter()
-                action, state = policy.predict(observation, state, np.array([tick == 0 and state is None]))
-                own["step"].append(time.perf_counter() - began)
-                observation, _, terminated, _, _ = envs.step(action)
-                if terminated.any():
-                    break
+            for part, seconds in _episode(problem, envs, policy, row[None], steps):
+                if number:
+                    taken[name, part].append(seconds)
     envs.close()
-    return [
-        {"name": name}
-        | {f"{what}_seconds": float(np.median(seconds)) if seconds else None for what, seconds in own.items()}
-        | {"step_share_of_period": float(np.median(own["step"])) / dt}
-        for name, own in taken.items()
-    ]
+    return tuple(
+        StepRow(
+            name=name,
+            plan_seconds=median_of(taken[name, "plan"]),
+            regulators_seconds=median_of(taken[name, "regulators"]),
+            step_seconds=float(np.median(taken[name, "step"])),
+            step_share_of_period=float(np.median(taken[name, "step"])) / dt,
+        )
+        for name in policies
+    )
+
+
+def _episode(problem: OptimalControlProblem, envs: Any, policy: Any, p: Array, steps: int) -> list[tuple[str, float]]:
+    """Parts of an episode from ``p`` (1, np) with their durations in seconds: "plan", "regulators", each "step"."""
+    observation, _ = envs.reset(options={"parameters": p, "extrapolate": True})
+    state: Any = None
+    taken = []
+    if isinstance(policy, TrackingPolicy):
+        began = time.perf_counter()
+        plan = policy.planner(p)
+        planned = time.perf_counter()
+        state = policy.follow(plan, problem.start(p)[1])
+        taken += [("plan", planned - began), ("regulators", time.perf_counter() - planned)]
+    for step in range(steps):
+        began = time.perf_counter()
+        action, state = policy.predict(observation, state, np.array([step == 0 and state is None]))
+        taken.append(("step", time.perf_counter() - began))
+        observation, _, terminated, _, _ = envs.step(action)
+        if terminated.any():
+            break
+    return taken
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------
 
 
-def planning_rows(record: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Planners and policies of a record of scripts/benchmark_planning.py, a row each: a plan, and a control step."""
-    rows: dict[str, dict[str, Any]] = {}
-    for row in (*record["planners"], *record["steps"]):
-        rows[row["name"]] = rows.get(row["name"], {}) | row
-    return list(rows.values())
+@dataclass(frozen=True)
+class PolicyLatency:
+    """A row of the table of planners and policies, of which a method may have but one.
+
+    Args:
+        name: of the method.
+        plan: time of its plans.
+        step: time of its control steps.
+    """
+
+    name: str
+    plan: PlanRow | None
+    step: StepRow | None
+
+    def at(self, what: str, batch: int) -> float | None:
+        """Value of the field ``what`` of ``plan`` for a batch of ``batch`` plans, if there is one."""
+        return None if self.plan is None else getattr(self.plan, what).get(str(batch))
 
 
-def _at(batch: int, form: Callable[[Any], str]) -> Callable[[Mapping[str, Any]], str]:
-    return lambda by_batch: form(by_batch[str(batch)]) if str(batch) in by_batch else DASH
+def planning_rows(record: Latency) -> tuple[PolicyLatency, ...]:
+    """Planners and policies of ``record``, a row each."""
+    plans, steps = {row.name: row for row in record.planners}, {row.name: row for row in record.steps}
+    return tuple(PolicyLatency(name, plans.get(name), steps.get(name)) for name in dict.fromkeys((*plans, *steps)))
 
 
-PLANNING_COLUMNS = (
-    keyed("name", "policy"),
-    *(keyed("seconds", f"a plan, batch of {batch:,}", _at(batch, duration)) for batch in BATCHES),
-    *(keyed("ratio", f"solver's time / its, {batch:,}", _at(batch, "{:,.3g}".format)) for batch in BATCHES),
-    keyed("regulators_seconds", "regulators", duration),
-    keyed("step_seconds", "a control step", duration),
-    keyed("step_share_of_period", "share of the period", ".2%"),
-)
-SOLVER_COLUMNS = (
-    keyed("name", "started from"),
-    keyed("solves", "solves", "d"),
-    keyed("verified", "verified", "d"),
-    keyed("hung", "hung", "d"),
-    keyed("problems", "problems", "d"),
-    keyed("best_known", "at the best known cost", "d"),
-    keyed("iterations_median", "iterations", ".0f"),
-    keyed("milliseconds_median", "ms a solve", ".2f"),
-    keyed("seconds_per_problem", "a problem", duration),
-    keyed("ratio", "cold time / its time", ".2f"),
+def _of_batch(title: str, what: str, batch: int, form: Callable[[Any], str]) -> Column[PolicyLatency]:
+    return Column(f"{title}{batch:,}", lambda row: row.at(what, batch), form)
+
+
+PLANNING_COLUMNS: tuple[Column[PolicyLatency], ...] = (
+    Column("policy", lambda row: row.name),
+    *(_of_batch("a plan, batch of ", "seconds", batch, duration) for batch in BATCHES),
+    *(_of_batch("solver's time / its, ", "ratio", batch, "{:,.3g}".format) for batch in BATCHES),
+    Column("regulators", lambda row: row.step and row.step.regulators_seconds, duration),
+    Column("a control step", lambda row: row.step and row.step.step_seconds, duration),
+    Column("fraction of the period", lambda row: row.step and row.step.step_share_of_period, ".2%"),
 )

@@ -12,8 +12,9 @@ import pytest
 import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.latency import cold, planner_rows, solver_rows, step_rows, time_planner, warm
+from moe_policy.experiments.latency import planner_rows, step_rows, time_planner
 from moe_policy.experiments.methods import Method
+from moe_policy.experiments.speed.guesses import cold, solver_rows, warm
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver
@@ -39,12 +40,12 @@ def test_planners_are_timed_beside_each_other_and_per_plan():
 
     first, second = planner_rows({"slow": slow, "quick": quick}, P, batches=(1, 5), turns=3, calls=2)
     assert sizes == [2, *[1, 1, 5] * 3]
-    assert (first["name"], first["ratio"]) == ("slow", {"1": 1.0, "5": 1.0})
-    assert first["seconds"]["1"] >= 0.02
-    assert first["seconds"]["5"] >= 0.02 / 5
+    assert (first.name, first.ratio) == ("slow", {"1": 1.0, "5": 1.0})
+    assert first.seconds["1"] >= 0.02
+    assert first.seconds["5"] >= 0.02 / 5
     for batch in ("1", "5"):
-        assert second["ratio"][batch] == pytest.approx(first["seconds"][batch] / second["seconds"][batch])
-    assert second["ratio"]["1"] > 1
+        assert second.ratio[batch] == pytest.approx(first.seconds[batch] / second.seconds[batch])
+    assert second.ratio["1"] > 1
 
 
 def test_cold_starts_try_every_winding():
@@ -63,20 +64,20 @@ def test_warm_starts_from_the_optimum_end_there_soon(optima):
         "warm": warm(lambda p: trajectories[np.array([rank[tuple(row)] for row in p])]),
     }
     with GuardedSolver(PENDULUM) as solver:
-        rows = {row["name"]: row for row in solver_rows(PENDULUM, solver, starts, P, best)}
-    assert (rows["cold"]["solves"], rows["warm"]["solves"]) == (9, 3)
-    assert rows["warm"]["verified"] == rows["warm"]["best_known"] == 3
-    assert rows["warm"]["iterations_median"] <= rows["cold"]["iterations_median"]
-    assert all(row["seconds_per_problem"] > 0 for row in rows.values())
-    times = [rows[name]["seconds_per_problem"] for name in ("cold", "warm")]
-    assert (rows["cold"]["ratio"], rows["warm"]["ratio"]) == (1.0, times[0] / times[1])
+        rows = {row.name: row for row in solver_rows(solver, starts, P, best)}
+    assert (rows["cold"].solves, rows["warm"].solves) == (9, 3)
+    assert rows["warm"].verified == rows["warm"].best_known == 3
+    assert rows["warm"].iterations_median <= rows["cold"].iterations_median
+    assert all(row.seconds_per_problem > 0 for row in rows.values())
+    times = [rows[name].seconds_per_problem for name in ("cold", "warm")]
+    assert (rows["cold"].ratio, rows["warm"].ratio) == (1.0, times[0] / times[1])
 
 
 def test_a_wrong_best_cost_is_not_reached(optima):
     best = np.array([solution.cost for solution in optima])
     with GuardedSolver(PENDULUM) as solver:
-        (row,) = solver_rows(PENDULUM, solver, {"line": cold(PENDULUM, "line")}, P, best / 2)
-    assert row["best_known"] == 0
+        (row,) = solver_rows(solver, {"line": cold(PENDULUM, "line")}, P, best / 2)
+    assert row.best_known == 0
 
 
 def test_hung_solves_are_counted_where_they_happen():
@@ -97,13 +98,12 @@ def test_hung_solves_are_counted_where_they_happen():
         return rows, ocp_envs.Trajectory(guess.states, guess.controls, np.full(len(rows), 7.5)), windings
 
     first, second, third = solver_rows(
-        PENDULUM,
         Hanging(),
         {"line": cold(PENDULUM, "line"), "long": long, "again": cold(PENDULUM, "line")},
         P,
         np.ones(3),
     )
-    assert (first["hung"], second["hung"], third["hung"]) == (0, second["solves"], 0)
+    assert (first.hung, second.hung, third.hung) == (0, second.solves, 0)
 
 
 def test_what_no_solve_converges_on_has_no_figures(optima):
@@ -113,9 +113,9 @@ def test_what_no_solve_converges_on_has_no_figures(optima):
 
     settings = SolverSettings(max_iterations=1)
     with GuardedSolver(PENDULUM, settings) as solver:
-        (row,) = solver_rows(PENDULUM, solver, {"nowhere": nowhere}, P[1:], np.ones(2))
-    assert (row["verified"], row["solved_problems"], row["best_known"]) == (0, 0, 0)
-    assert row["iterations_median"] is row["milliseconds_median"] is None
+        (row,) = solver_rows(solver, {"nowhere": nowhere}, P[1:], np.ones(2))
+    assert (row.verified, row.solved_problems, row.best_known) == (0, 0, 0)
+    assert row.iterations_median is row.milliseconds_median is None
 
 
 def test_steps_of_planners_and_of_policies_are_timed():
@@ -124,14 +124,14 @@ def test_steps_of_planners_and_of_policies_are_timed():
         return moe_policy.load(PENDULUM.id, "moe-custom")(p)
 
     everyone = [Method("moe", planner), Method("stabiliser", moe_policy.Stabiliser(PENDULUM))]
-    moe, stabiliser = step_rows(PENDULUM, everyone, P, ticks=5)
-    assert (moe["name"], stabiliser["name"]) == ("moe", "stabiliser")
-    assert moe["plan_seconds"] >= 0.02
-    assert moe["regulators_seconds"] > moe["step_seconds"]  # they are set up for every step of the plan at once
-    assert stabiliser["plan_seconds"] is stabiliser["regulators_seconds"] is None
+    moe, stabiliser = step_rows(PENDULUM, everyone, P, steps=5)
+    assert (moe.name, stabiliser.name) == ("moe", "stabiliser")
+    assert moe.plan_seconds >= 0.02
+    assert moe.regulators_seconds > moe.step_seconds  # they are set up for every step of the plan at once
+    assert stabiliser.plan_seconds is stabiliser.regulators_seconds is None
     for row in (moe, stabiliser):
-        assert row["step_seconds"] > 0
-        assert row["step_share_of_period"] == pytest.approx(row["step_seconds"] / 0.02)
+        assert row.step_seconds > 0
+        assert row.step_share_of_period == pytest.approx(row.step_seconds / 0.02)
 
 
 @pytest.mark.skipif("moe-custom" not in moe_policy.available(PENDULUM.id), reason="needs the shipped models")

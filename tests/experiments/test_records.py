@@ -7,20 +7,26 @@ from pathlib import Path
 
 import pytest
 
+from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
+from moe_policy.experiments.speed.environments import EnvironmentSpeed
+from moe_policy.experiments.speed.generation import GenerationSpeed
+from moe_policy.experiments.speed.rollouts import RolloutSpeed
+from moe_policy.experiments.speed.solver import SolverSpeed
 from ocp_envs.support.provenance import Provenance, provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
 FILES = sorted(path.name for path in RESULTS.glob("*.json"))
 #: What each file in ``results/`` is, by the pattern of its name; a file has exactly one.
-TYPES: dict[str, type[Record]] = {}
+TYPES: dict[str, type[Record]] = {
+    "benchmark_env.json": EnvironmentSpeed,
+    "benchmark_generation_*": GenerationSpeed,
+    "benchmark_planning_*": Latency,
+    "benchmark_rollout_*": RolloutSpeed,
+    "benchmark_solver_*": SolverSpeed,
+}
 #: Patterns of the files that have no type yet.
 UNTYPED = (
-    "benchmark_env.json",
-    "benchmark_generation_*",
-    "benchmark_planning_*",
-    "benchmark_rollout_*",
-    "benchmark_solver_*",
     "budgets_*",
     "compare_[GPQ]*",
     "compare_splits_*",

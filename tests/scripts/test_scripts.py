@@ -372,17 +372,17 @@ def test_benchmark_env(script, run, monkeypatch, tmp_path):
     for name, value in (("REPETITIONS", 1), ("NUM_ENVS", 8)):
         monkeypatch.setattr(module, name, value)
     monkeypatch.setattr(module, "single_step", functools.partial(module.single_step, steps=50))
-    run(module, "--out", tmp_path / "out.json")
-    record = read(tmp_path / "out.json")
+    run(module, "--results", tmp_path)
+    record = read(tmp_path / "benchmark_env.json")
     assert set(record["steps_per_second"]) >= {problem.id for problem in ocp_envs.BENCHMARK}
     assert all(rate > 0 for rate in record["steps_per_second"].values())
 
 
 @shipped
 def test_benchmark_rollout(script, run, tmp_path):
-    arguments = ("--episodes", 4, "--single", 1, "--repeats", 1, "--output", tmp_path / "out.json")
+    arguments = ("--episodes", 4, "--single", 1, "--repeats", 1, "--results", tmp_path)
     run(script("benchmark_rollout"), *arguments)
-    record = read(tmp_path / "out.json")
+    record = read(tmp_path / f"benchmark_rollout_{PENDULUM.id}.json")
     assert record["same_successes"]
     assert record["ratio"] > 0
 
@@ -390,9 +390,9 @@ def test_benchmark_rollout(script, run, tmp_path):
 @pytest.mark.slow
 def test_benchmark_solver(script, run, monkeypatch, tmp_path):
     monkeypatch.setattr(os, "sched_setaffinity", lambda *arguments: None, raising=False)
-    arguments = ("--size", 4, "--stored", 8, "--rounds", 1, "--output", tmp_path / "out.json")
+    arguments = ("--cases", 4, "--stored", 8, "--rounds", 1, "--results", tmp_path)
     run(script("benchmark_solver"), *arguments)
-    record = read(tmp_path / "out.json")
+    record = read(tmp_path / f"benchmark_solver_{PENDULUM.id}.json")
     for kind in ("cold", "warm"):
         assert record[kind]["ours"]["verified"] > 0
         assert record[kind]["ratio_to_the_better"] > 0

@@ -1,0 +1,230 @@
+"""Verified solutions per second of the solver of this package and of CasADi's ``Opti``, by kind of guess.
+
+Kinds of guesses: straight lines (``line``), random ones (``cold``), the solution of the nearest of some solved
+instances (``warm``), and a local linear fit through the nearest of them (``fit``), as in the generation of some
+training sets.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from moe_policy.experiments.records import ABSENT, Absent, Record, renamed
+from ocp_envs.data.neighbours import Neighbours
+from ocp_envs.data.warm_starts import local_fit
+from ocp_envs.data.worker import start_from
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.guesses import guesses, random_kind
+from ocp_envs.solvers.nlp import SolverSettings, Status
+from ocp_envs.solvers.solutions import Solutions
+from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.provenance import Provenance
+from ocp_envs.trajectory import Trajectory
+
+#: Stored solutions that a fit goes through, as many as in the generation of the quadcopters' sets.
+FIT = 40
+KINDS = ("line", "cold", "warm", "fit")
+#: The solvers that ours is compared with.
+OPTI = ("opti", "opti_expanded")
+#: On a core of its own a solve that takes a second hangs.
+ON_ONE_CORE = SolverSettings(hang_factor=25.0, hang_floor=1.0)
+#: (parameters, guesses, windings of the goal) → solutions.
+Solve = Callable[[Array, Trajectory, Ints], Solutions]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rate(Record):
+    """Rate and statistics of one solver with one kind of guess.
+
+    Args:
+        verified: solves with a verified solution.
+        seconds: of all solves.
+        verified_per_second: their ratio.
+        iterations_median: over the verified ones.
+        milliseconds_median: over the verified ones.
+        statuses: number of solves by how they ended.
+        cost_sum: over the verified ones.
+    """
+
+    verified: int
+    seconds: float
+    verified_per_second: float
+    iterations_median: float
+    milliseconds_median: float
+    statuses: dict[str, int]
+    cost_sum: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison(Record):
+    """All solvers with one kind of guess.
+
+    Args:
+        ours: the solver of this package.
+        opti: CasADi's ``Opti`` with IPOPT.
+        opti_expanded: the same on expanded functions.
+        ratio_to_the_better: rate of ours / the larger rate of the two others.
+    """
+
+    ours: Rate
+    opti: Rate
+    opti_expanded: Rate
+    ratio_to_the_better: float
+
+    def text(self, kind: str) -> str:
+        """Rates in a few lines."""
+        lines = []
+        for name in ("ours", *OPTI):
+            rate: Rate = getattr(self, name)
+            lines.append(
+                f"{kind:5s} {name:14s} {rate.verified:5d} verified, {rate.verified_per_second:8.1f} per second, "
+                f"{rate.iterations_median:.0f} iterations"
+            )
+        return "\n".join([*lines, f"{kind:5s} ratio to the better Opti: {self.ratio_to_the_better:.1f}"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolverSpeed(Record):
+    """The solver of this package against ``Opti`` on one problem.
+
+    Args:
+        env_id: id of the problem.
+        seed: of parameters and guesses.
+        parameters: number of instances.
+        rounds: the fastest of so many counts.
+        solves: number of solves in a round, one for every winding of the goal of every instance.
+        tolerance: of both solvers.
+        stored: solved instances from which warm starts are taken.
+        start_seconds: start and compilation of the solver of this package.
+        line, cold, warm, fit: by kind of guess.
+        plain: the highest rate of ours / the highest rate of ``Opti`` without a warm start.
+        provenance: of the record.
+    """
+
+    env_id: str = renamed("problem")
+    seed: int
+    parameters: int
+    rounds: int
+    solves: int
+    tolerance: float
+    stored: int
+    start_seconds: float
+    line: Comparison | Absent = ABSENT
+    cold: Comparison | Absent = ABSENT
+    warm: Comparison | Absent = ABSENT
+    fit: Comparison | Absent = ABSENT
+    plain: float | Absent = ABSENT
+    provenance: Provenance
+
+
+def draw(problem: OptimalControlProblem, size: int, seed: int) -> tuple[Array, Ints]:
+    """Every winding of the goal of random instances: parameters (B, np) and index of the winding (B,).
+
+    Args:
+        problem: the problem.
+        size: number of instances.
+        seed: of the parameters.
+    """
+    count = len(problem.targets)
+    return np.repeat(sample(problem, seed, size), count, axis=0), np.tile(np.arange(count), size)
+
+
+def all_guesses(
+    problem: OptimalControlProblem, solve: Solve, parameters: Array, stored: int, seed: int
+) -> dict[str, Trajectory]:
+    """A guess of every kind for every winding of the goal.
+
+    Args:
+        problem: the problem.
+        solve: what solves the instances from which warm starts are taken.
+        parameters: (B, np), those of :func:`draw`.
+        stored: number of those instances.
+        seed: of the guesses.
+    """
+    windings = np.tile(np.arange(len(problem.targets)), len(parameters) // len(problem.targets))
+    line = guesses(problem, parameters, windings, np.random.default_rng(seed + 3), "line")
+    cold = guesses(problem, parameters, windings, np.random.default_rng(seed + 1), random_kind(problem))
+    return {"line": line, "cold": cold, **_warm(problem, solve, parameters, stored, seed + 2)}
+
+
+def _warm(
+    problem: OptimalControlProblem, solve: Solve, parameters: Array, size: int, seed: int
+) -> dict[str, Trajectory]:
+    """The solution of the nearest of ``size`` solved instances, and a fit through several, for every winding."""
+    count = len(problem.targets)
+    stored, windings = draw(problem, size, seed)
+    solutions = solve(stored, guesses(problem, stored, windings, np.random.default_rng(seed), "line"), windings)
+    nearest, fitted = [], []
+    for winding in range(count):
+        usable = np.flatnonzero(solutions.solved & (windings == winding))
+        known, wanted = Neighbours(problem.parameters, stored[usable]), parameters[winding::count]
+        distance, around = known.nearest(wanted, FIT)
+        z = solutions.trajectory[usable].flat().astype(np.float32)
+        nearest.append(z[around[:, 0]])
+        fitted.append(local_fit(known.offsets(wanted, around), distance, z[around]))
+    order = np.argsort(np.tile(np.arange(len(parameters) // count), count), kind="stable")
+    return {
+        kind: start_from(problem, parameters, np.concatenate(parts)[order])
+        for kind, parts in (("warm", nearest), ("fit", fitted))
+    }
+
+
+def measure(solve: Solve, parameters: Array, guess: Trajectory, windings: Ints) -> Rate:
+    """Rate of one solver in one round, after a few solves that warm it up.
+
+    Args:
+        solve: the solver.
+        parameters: (B, np).
+        guess: B trajectories.
+        windings: index of the goal's winding, (B,).
+    """
+    few = slice(0, 3)
+    solve(parameters[few], guess[few], windings[few])
+    began = time.perf_counter()
+    solutions = solve(parameters, guess, windings)
+    seconds = time.perf_counter() - began
+    solved = solutions.solved
+    return Rate(
+        verified=int(solved.sum()),
+        seconds=seconds,
+        verified_per_second=float(solved.sum() / seconds),
+        iterations_median=float(np.median(solutions.iterations[solved])),
+        milliseconds_median=float(1e3 * np.median(solutions.seconds[solved])),
+        statuses={status.name: int((solutions.status == status).sum()) for status in Status},
+        cost_sum=float(solutions.cost[solved].sum()),
+    )
+
+
+def compare(
+    solvers: Mapping[str, Solve], rounds: int, parameters: Array, guess: Trajectory, windings: Ints
+) -> Comparison:
+    """The fastest of several rounds of every solver; they take turns, so that other load affects all.
+
+    Args:
+        solvers: "ours", "opti" and "opti_expanded".
+        rounds: number of rounds.
+        parameters: (B, np).
+        guess: B trajectories.
+        windings: index of the goal's winding, (B,).
+    """
+    tried = [{name: measure(s, parameters, guess, windings) for name, s in solvers.items()} for _ in range(rounds)]
+    rates = {name: min((row[name] for row in tried), key=lambda rate: rate.seconds) for name in solvers}
+    best = max(rates[name].verified_per_second for name in OPTI)
+    return Comparison(**rates, ratio_to_the_better=rates["ours"].verified_per_second / best)
+
+
+def plain_ratio(compared: Mapping[str, Comparison]) -> float | Absent:
+    """The highest rate of ours / the highest rate of ``Opti`` without a warm start; absent if that was not measured.
+
+    Args:
+        compared: by kind of guess.
+    """
+    plain = [getattr(compared[kind], name) for kind in ("line", "cold") if kind in compared for name in OPTI]
+    if not plain:
+        return ABSENT
+    return max(one.ours.verified_per_second for one in compared.values()) / max(r.verified_per_second for r in plain)
