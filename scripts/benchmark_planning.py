@@ -13,8 +13,6 @@ Methods take turns, all on one core. Writes ``benchmark_planning_<env>.json``.
 
 from __future__ import annotations
 
-from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS, cold, solver_rows, warm
-
 from moe_policy.experiments import cli
 from moe_policy.experiments.cli import say
 from moe_policy.experiments.latency import (
@@ -27,6 +25,7 @@ from moe_policy.experiments.latency import (
 )
 from moe_policy.experiments.methods import optimal_planner, shipped, stabiliser
 from moe_policy.experiments.records import write
+from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS, cold, solver_rows, warm
 from moe_policy.experiments.speed.solver import ON_ONE_CORE
 from moe_policy.experiments.tables import text_table
 from ocp_envs.sets import reference

@@ -27,7 +27,6 @@ from moe_policy.experiments.budgets import (
     BUDGET_COLUMNS,
     GIVEN,
     PlannerBudget,
-    Untimed,
     budget_rows,
     generation_record,
     planner_rows,
@@ -53,7 +52,8 @@ def on_development(problem: OptimalControlProblem, method: Method, cases: refere
     policy = method.policy(problem, DT)
     figures = figures_of(problem, rollout(envs, policy, cases.parameters), cases.cost)
     if method.planner is not None:
-        figures["mean_return"] = figures_of(problem, rollout(envs, Untimed(policy), cases.parameters))["mean_return"]
+        charged = rollout(envs, policy, cases.parameters, evaluation="goal")
+        figures["mean_return"] = figures_of(problem, charged)["mean_return"]
     envs.close()
     return figures | {"success": figures["success"] / len(cases)}
 

@@ -23,10 +23,8 @@ from numpy.typing import NDArray
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.batch import BatchFunction
+from ocp_envs.support.clock import count_steps
 from ocp_envs.trajectory import Trajectory
-
-#: A plan that ends this fraction of a tick after a tick ends on it: t_f is a rounded number.
-_TICK_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,11 +40,6 @@ class Reference:
     states: Array
     controls: Array
     ticks: NDArray[np.int64]
-
-
-def count_ticks(duration: Array, dt: float) -> NDArray[np.int64]:
-    """⌈duration/dt⌉ as integers, (B,), with a millionth of a tick of tolerance."""
-    return np.asarray(np.ceil(duration / dt - _TICK_TOLERANCE), dtype=np.int64)
 
 
 def mean_controls(plan: Trajectory, dt: float, ticks: int, after: Array) -> Array:
@@ -129,7 +122,7 @@ class Resampler:
             plan: B plans with finite values and positive durations.
             contexts: (B, nc).
         """
-        ticks = count_ticks(plan.duration, self.dt)
+        ticks = count_steps(plan.duration, self.dt)
         longest = int(ticks.max(initial=1))
         times = self.dt * np.arange(longest + 1, dtype=np.float64)
         return Reference(

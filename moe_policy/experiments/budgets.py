@@ -22,7 +22,6 @@ import numpy as np
 
 from moe_policy.experiments.curves import FOLLOWED, Record
 from moe_policy.experiments.tables import duration, keyed
-from moe_policy.protocols import Policy
 from moe_policy.rollouts.intervals import Spread
 from ocp_envs.problem import OptimalControlProblem
 
@@ -214,23 +213,3 @@ BUDGET_COLUMNS = (
     keyed("mean_return", "mean return", ".2f"),
     keyed("violation", "mean violation, m", ".3f"),
 )
-
-
-class Untimed:
-    """A planning policy that keeps its schedule to itself.
-
-    The rollout loop then lets its episodes run up to the goal or the time limit, as those of a learner, so that their
-    returns are what the environment charges; with its schedule an episode ends with the plan.
-
-    Args:
-        policy: a policy that plans when it is called without a recurrent state.
-    """
-
-    def __init__(self, policy: Policy) -> None:
-        self.policy, self.dt = policy, getattr(policy, "dt", None)
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        """As the policy's own."""
-        return self.policy.predict(observation, state, episode_start, deterministic)

@@ -5,26 +5,31 @@
     cost       ∫L dt up to the first entry, or of the whole episode where there is none
 
 A policy that plans knows its judging time from the start (see :class:`moe_policy.protocols.PlanningPolicy`). Any other
-one is judged ``problem.hold`` seconds after its first entry, at the latest at the horizon. An episode ends when it is
-judged or when it leaves the operating box, which the environment charges and which is never a success.
+one, and any with ``evaluation="goal"``, is judged ``problem.hold`` seconds after its first entry, at the latest at the
+horizon. An episode ends when it is judged or when it leaves the operating box, which the environment charges and which
+is never a success.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from moe_policy.protocols import PlanningPolicy, Policy, Schedule
 from moe_policy.rollouts.episodes import Episodes as Episodes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.batch import BatchFunction
+from ocp_envs.support.clock import count_steps
+
+#: What ends an episode: the plan's schedule, or the first entry into the goal ball.
+Evaluation = Literal["schedule", "goal"]
 
 
 class _Log:
@@ -54,8 +59,8 @@ class _Log:
         self.plan_end = np.full(size, -1)
         self.knot_violation = np.full(size, np.nan)
         if schedule is not None:
-            self.judging = np.minimum(_ticks(schedule.judging, dt), ticks)
-            self.plan_end = np.minimum(_ticks(schedule.plan_end, dt), ticks)
+            self.judging = np.minimum(count_steps(schedule.judging, dt), ticks)
+            self.plan_end = np.minimum(count_steps(schedule.plan_end, dt), ticks)
             self.knot_violation = np.where(np.isfinite(schedule.knot_step), 0.0, np.nan)
         else:
             self._judge_after_hold(self.entry == 0, 0)
@@ -67,7 +72,7 @@ class _Log:
         self._look(0, self.entry == 0)
 
     def _judge_after_hold(self, rows: Bools, tick: int) -> None:
-        self.judging[rows] = min(tick + math.ceil(self.problem.hold / self.dt - 1e-6), self.ticks)
+        self.judging[rows] = min(tick + int(count_steps(self.problem.hold, self.dt)), self.ticks)
 
     def _violation(self, states: Array, contexts: Array) -> Array:
         assert self._clearances is not None
@@ -136,19 +141,22 @@ class _Log:
         )
 
 
-def _ticks(seconds: Array, dt: float) -> NDArray[np.int64]:
-    return np.asarray(np.ceil(seconds / dt - 1e-6), dtype=np.int64)
-
-
-def _run(envs: gym.vector.VectorEnv[Any, Any, Any], policy: Policy, p: Array, ticks: int, record: bool) -> Episodes:
+def _run(
+    envs: gym.vector.VectorEnv[Any, Any, Any],
+    policy: Policy,
+    p: Array,
+    ticks: int,
+    record: bool,
+    evaluation: Evaluation,
+) -> Episodes:
     """Episodes of one batch, as many as there are environments."""
     base: Any = envs.unwrapped
     observation, _ = envs.reset(options={"parameters": p, "extrapolate": True})
     state, schedule = None, None
     if isinstance(policy, PlanningPolicy):
         state = policy.start(p)
-        schedule = policy.schedule(state)
-    starting = np.full(len(p), schedule is None)
+        schedule = policy.schedule(state) if evaluation == "schedule" else None
+    starting = np.full(len(p), state is None)
     x = base.state
     log = _Log(base.problem, base.dt, ticks, x, base.context, schedule)
     states, controls = [x], []
@@ -200,6 +208,7 @@ def rollout(
     *,
     horizon: float | None = None,
     record: bool = False,
+    evaluation: Evaluation = "schedule",
 ) -> Episodes:
     """Run one episode for each row of ``parameters``, in batches of as many as there are environments.
 
@@ -210,13 +219,18 @@ def rollout(
         parameters: (B, np) or (np,), inside the parameter box or not.
         horizon: seconds after which every episode is judged; at most the environment's time limit, its default.
         record: keep states and controls.
+        evaluation: ``"schedule"``: a policy that plans is judged at the time it plans for; ``"goal"``: it is judged as
+            one without a plan, so that its cost is what the environment charges up to the goal or the horizon, and
+            what belongs to a plan is NaN.
 
     Raises:
-        ValueError: an environment that restarts or ends at the goal by itself, a policy for another control period, a
-            horizon beyond the time limit, parameters of another shape or not finite.
+        ValueError: an unknown ``evaluation``, an environment that restarts or ends at the goal by itself, a policy for
+            another control period, a horizon beyond the time limit, parameters of another shape or not finite.
     """
     base: Any = envs.unwrapped
     problem: OptimalControlProblem = base.problem
+    if evaluation not in get_args(Evaluation):
+        raise ValueError(f"got evaluation={evaluation!r}, expected one of {', '.join(get_args(Evaluation))}")
     if base.settings.terminate_at_goal or base.autoreset_mode is not AutoresetMode.DISABLED:
         raise ValueError(
             f"{problem.id}: rollout needs an environment made with terminate_at_goal=False and "
@@ -235,10 +249,10 @@ def rollout(
     p = problem.check_parameters(parameters, extrapolate=True)
     if len(p) == 0:
         raise ValueError(f"{problem.id}: expected parameters of at least one episode, got none")
-    ticks, n = math.ceil(horizon / base.dt - 1e-9), envs.num_envs
+    ticks, n = int(count_steps(horizon, base.dt)), envs.num_envs
     parts = []
     for first in range(0, len(p), n):
         batch = p[first : first + n]
         padded = np.concatenate([batch, np.repeat(batch[-1:], n - len(batch), axis=0)])
-        parts.append(_run(envs, policy, padded, ticks, record)[: len(batch)])
+        parts.append(_run(envs, policy, padded, ticks, record, evaluation)[: len(batch)])
     return Episodes.concatenate(parts)

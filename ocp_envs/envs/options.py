@@ -17,6 +17,7 @@ from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError, load
 from ocp_envs.support.arrays import Array, frozen_array
+from ocp_envs.support.clock import count_steps
 from ocp_envs.support.suggestions import did_you_mean
 from ocp_envs.tables import starts
 
@@ -87,7 +88,7 @@ class Settings:
     def ticks(self) -> int:
         """Ticks after which an episode is truncated."""
         assert self.time_limit is not None
-        return math.ceil(self.time_limit / self.dt - 1e-9)
+        return int(count_steps(self.time_limit, self.dt))
 
     @cached_property
     def disturbed(self) -> bool:

@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.batch import BatchFunction, BoundFunction, dense_function
+from ocp_envs.support.clock import count_steps
 from ocp_envs.system import Box
 
 _MOST_VERTICES = 2**16
@@ -126,7 +127,7 @@ class Simulator:
             raise ValueError(f"{problem.id}: expected at least one substep, got {substeps}")
         self.problem = problem
         self.dt = float(dt)
-        self.substeps = substeps or max(1, math.ceil(dt / problem.longest_substep - 1e-9))
+        self.substeps = substeps or max(1, int(count_steps(dt, problem.longest_substep)))
 
     @cached_property
     def _plain(self) -> BatchFunction:

@@ -9,11 +9,12 @@ from scipy.linalg import solve_discrete_are
 from scipy.optimize import lsq_linear
 
 from moe_policy.control.lqr import Regulator, TrackingWeights, nearest_control
-from moe_policy.control.resampling import Resampler, count_ticks, mean_controls, states_at
+from moe_policy.control.resampling import Resampler, mean_controls, states_at
 from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.support.clock import count_steps
 from ocp_envs.trajectory import Trajectory
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR, rest_to_rest
 
@@ -55,7 +56,7 @@ def replay(problem, policy, state, states, ticks, contexts=None):
 
 
 def test_ticks_of_a_plan_include_the_last_partial_one():
-    np.testing.assert_array_equal(count_ticks(np.array([0.1, 0.1001, 0.02, 0.3, 8.0]), 0.02), [5, 6, 1, 15, 400])
+    np.testing.assert_array_equal(count_steps(np.array([0.1, 0.1001, 0.02, 0.3, 8.0]), 0.02), [5, 6, 1, 15, 400])
 
 
 def test_mean_control_is_the_integral_over_each_tick():
@@ -370,7 +371,7 @@ def test_only_started_rows_are_planned_anew():
     np.testing.assert_array_equal(state.clock, [3, 1, 3])
     alone, _ = policy.predict(again[1:2])
     np.testing.assert_allclose(controls[1], alone[0], rtol=1e-12)
-    assert state.gains.shape[1] == count_ticks(np.array([1 + 6.0 / 5]), DT)[0] + 1
+    assert state.gains.shape[1] == count_steps(np.array([1 + 6.0 / 5]), DT)[0] + 1
 
 
 def test_single_observation():

@@ -5,22 +5,16 @@ import json
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments.benchmark.parts import Benchmark, Learners, Planners
-from moe_policy.experiments.budgets import PlannerBudget, Untimed, generation_record, planner_rows
-from moe_policy.experiments.comparison import environments
+from moe_policy.experiments.budgets import PlannerBudget, generation_record, planner_rows
 from moe_policy.experiments.curves import curve_of
 from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.rl.settings import PPOSettings, SACSettings
 from moe_policy.rollouts.intervals import Spread
-from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problems.pendulum import PENDULUM
-from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.sets import reference
-from ocp_envs.trajectory import Trajectory
 from tests.experiments.test_curves import a_run, write
 
 # -- planners ----------------------------------------------------------------------------------------------------------
@@ -72,17 +66,6 @@ def test_planners_are_listed_by_the_size_of_their_data():
     assert [row["validation_success"]["most"] for row in rows] == [1.0, 0.6, 0.9]
     assert rows[1]["budget"]["solves"] == 400
     assert all(row["budget"] is None for row in planner_rows(PENDULUM, record, None, ("snn",), 50))
-
-
-def test_without_its_schedule_a_plan_is_charged_up_to_the_time_limit():
-    """A vehicle that stands where it is, at a cost rate of 10, with a plan of one second."""
-    start = np.array([[5.0, 5.0, 0.0, 0.0]])
-    states = np.tile(start[:, None], (1, VEHICLE.knots, 1))
-    plan = Trajectory(states, np.zeros((1, VEHICLE.knots - 1, 2)), np.array([1.0]))
-    policy = TrackingPolicy(VEHICLE, lambda p: plan)
-    envs = environments(VEHICLE, 1, 0.02)
-    assert rollout(envs, policy, start).cost == pytest.approx(10.0)
-    assert rollout(envs, Untimed(policy), start).cost == pytest.approx(10.0 * VEHICLE.time_limit)
 
 
 # -- the figure --------------------------------------------------------------------------------------------------------

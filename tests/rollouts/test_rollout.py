@@ -12,6 +12,7 @@ from moe_policy.rollouts.rollout import Episodes, rollout
 from ocp_envs import Env, VectorEnv
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.trajectory import Trajectory
 from tests.in_process import Solver
@@ -278,3 +279,17 @@ def test_the_schedule_is_all_the_loop_knows_of_a_plan():
     np.testing.assert_allclose(episodes.judging_time, [1.5, 0.5])
     np.testing.assert_allclose(episodes.plan_end_error, [1.0, 1.0])
     np.testing.assert_allclose(episodes.final_error, [np.hypot(0.5, 1), 1.0])
+
+
+def test_evaluated_at_the_goal_a_plan_is_charged_up_to_the_time_limit():
+    """A vehicle that stands where it is, at a cost rate of 10, with a plan of one second."""
+    state = np.array([[5.0, 5.0, 0.0, 0.0]])
+    states = np.tile(state[:, None], (1, VEHICLE.knots, 1))
+    plan = Trajectory(states, np.zeros((1, VEHICLE.knots - 1, 2)), np.array([1.0]))
+    policy, envs = TrackingPolicy(VEHICLE, lambda p: plan), vector(VEHICLE, 1)
+    assert rollout(envs, policy, state).cost == pytest.approx(10.0)
+    episodes = rollout(envs, policy, state, evaluation="goal")
+    assert episodes.cost == pytest.approx(10.0 * VEHICLE.time_limit)
+    assert np.isnan(episodes.plan_end_error).all()
+    with pytest.raises(ValueError, match="got evaluation='end', expected one of schedule, goal"):
+        rollout(envs, policy, state, evaluation="end")
