@@ -38,7 +38,7 @@ from moe_policy.experiments.figures import phase as figures
 from moe_policy.experiments.summary import beside_published, model_record, row_of
 from moe_policy.learning import recipes
 from moe_policy.learning.architectures import PAPER_SIZES, layer_sizes
-from moe_policy.learning.fitting import PAPER, TrainingSettings
+from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_single
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.store import SHIPPED, load_file
@@ -48,6 +48,8 @@ from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
+#: The paper's training settings, with which some planners are trained as well.
+PAPER = TrainingSettings.paper()
 #: All problems of the training set.
 WHOLE = "whole"
 

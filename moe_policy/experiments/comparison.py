@@ -15,8 +15,8 @@ from moe_policy.experiments.figures.comparison import Outcome
 from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import duration, keyed, proportion
-from moe_policy.learning.training import validation_error
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.prediction_error import validation_error
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import evaluate
 from moe_policy.rollouts.rollout import Episodes, environments, rollout

@@ -18,8 +18,9 @@ from pathlib import Path
 from typing import Any
 
 from moe_policy.learning.clustering import cluster
-from moe_policy.learning.fitting import DEFAULT, TrainingSettings
-from moe_policy.learning.training import fit_mixture, fit_mixture_jointly, fit_single, retrain
+from moe_policy.learning.joint import fit_mixture_jointly, retrain
+from moe_policy.learning.settings import DEFAULT, TrainingSettings
+from moe_policy.learning.training import fit_mixture, fit_single
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Mixing, Softmax

@@ -116,3 +116,17 @@ class MixtureOfExperts(nn.Module):
 def count_parameters(module: nn.Module) -> int:
     """Number of trainable values of ``module``."""
     return sum(parameter.numel() for parameter in module.parameters())
+
+
+Network = SingleNetwork | MixtureOfExperts
+
+
+def outputs_of(network: Network, x: Tensor, mixing: Mixing) -> Tensor:
+    """Outputs (B, R) of a network of either kind.
+
+    Args:
+        network: a single network, or a mixture.
+        x: inputs, (B, inputs).
+        mixing: how a mixture combines its experts; a single network has nothing to mix.
+    """
+    return network(x, mixing) if isinstance(network, MixtureOfExperts) else network(x)

@@ -11,8 +11,8 @@ from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import DASH, markdown_table
 from moe_policy.learning import recipes
-from moe_policy.learning.fitting import TrainingSettings
-from moe_policy.learning.training import validation_error
+from moe_policy.learning.settings import TrainingSettings
+from moe_policy.planners.prediction_error import validation_error
 from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE

@@ -9,7 +9,7 @@ from moe_policy.experiments.benchmark import BENCHMARKS
 from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.summary import overview_rows, row_of, summarised, training_record
 from moe_policy.learning.clustering import cluster
-from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture, fit_single
 from ocp_envs.problems import BENCHMARK
 from tests.synthetic import fake_samples

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from moe_policy.learning.fitting import TrainingSettings
 from moe_policy.learning.recipes import FORMS, PRINCIPAL_COMPONENTS, make
+from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.networks import ARGMAX, MixtureOfExperts, SingleNetwork, Softmax
 from tests.synthetic import FakeDatabase, fake_samples

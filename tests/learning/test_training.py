@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 import torch
 
-from moe_policy.learning import fitting, training
 from moe_policy.learning.architectures import Architecture, Experts
 from moe_policy.learning.checkpoint import Checkpoint, CheckpointError
 from moe_policy.learning.clustering import Labels, cluster
-from moe_policy.learning.fitting import PAPER, Split, TrainingSettings
-from moe_policy.learning.training import Annealing, fit_mixture, fit_mixture_jointly, fit_single, retrain
+from moe_policy.learning.examples import Split
+from moe_policy.learning.settings import TrainingSettings
+from moe_policy.learning.training import fit_mixture, fit_single
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Softmax
+from moe_policy.planners.prediction_error import standardised_error, validation_error
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.support.pool import WorkerPool
@@ -55,8 +56,6 @@ def test_the_seed_decides_every_weight_and_nothing_global_is_touched(samples):
 def test_mixtures_are_decided_by_their_seed(samples, pretrained):
     again = fit_mixture(samples, cluster(samples, "custom"), settings=QUICK)
     assert equal(weights(pretrained), weights(again))
-    first, second = (fit_mixture_jointly(samples, 3, settings=QUICK, seed=1) for _ in range(2))
-    assert equal(weights(first), weights(second))
 
 
 def test_the_scalers_see_the_training_split_only(samples):
@@ -85,7 +84,7 @@ def test_the_report_is_true(samples, pretrained):
     split = Split.draw(len(samples.parameters), 0.2, 0)
     single = fit_single(samples, settings=QUICK)
     for planner in (single, pretrained):
-        error = training.test_error(planner, samples.parameters[split.test], samples.trajectory[split.test])
+        error = standardised_error(planner, samples.parameters[split.test], samples.trajectory[split.test])
         assert planner.report.test_error == pytest.approx(error, rel=1e-4)
         training_details = dict(planner.details["training"])
         assert training_details.pop("peak_memory_gb") > 0.05
@@ -125,10 +124,12 @@ def test_a_mixture_of_one_expert_is_the_single_network(samples):
     single = fit_single(samples, settings=QUICK, sizes=(2, 20, 75))
     wanted = single(samples.parameters).flat()
     for mixing in (ARGMAX, Softmax(1.0)):
-        np.testing.assert_allclose(mixture.with_mixing(mixing)(samples.parameters).flat(), wanted, atol=1e-5)
+        np.testing.assert_allclose(
+            dataclasses.replace(mixture, mixing=mixing)(samples.parameters).flat(), wanted, atol=1e-5
+        )
 
 
-def test_a_mixture_beats_a_single_network_at_a_jump():
+def test_a_mixture_beats_a_single_network_at_a_discontinuity():
     samples, fresh = fake_samples(count=800), fake_samples(count=500, seed=1)
     settings = TrainingSettings(epochs=120)
     single = fit_single(samples, settings=settings)
@@ -137,84 +138,20 @@ def test_a_mixture_beats_a_single_network_at_a_jump():
     near = np.abs(fresh.parameters[:, 0] - np.pi) < 0.3
     clear = near & (np.abs(fresh.parameters[:, 0] - np.pi) > 0.05)
     rows = np.flatnonzero(clear)
-    errors = [
-        training.validation_error(planner, fresh.parameters[rows], fresh.trajectory[rows])
-        for planner in (single, mixture)
-    ]
+    p, optimal = fresh.parameters[rows], fresh.trajectory[rows]
+    errors = [validation_error(planner, p, optimal) for planner in (single, mixture)]
     assert errors[1] < errors[0] / 4
 
 
-def test_epsilon_falls_geometrically_and_then_stays():
-    annealing = Annealing(start=1.0, end=0.01, share=0.8)
-    epsilon = np.array([annealing.epsilon(epoch, 100) for epoch in range(100)])
-    assert epsilon[0] == 1.0
-    np.testing.assert_allclose(epsilon[80:], 0.01)
-    np.testing.assert_allclose(epsilon[1:81] / epsilon[:80], 0.01 ** (1 / 80))
-    with pytest.raises(ValueError, match="end ≤ start"):
-        Annealing(start=0.1, end=1.0)
-
-
-def test_joint_training_keeps_weights_of_the_settled_phase(samples):
-    planner = fit_mixture_jointly(samples, 2, settings=QUICK, annealing=Annealing(end=0.05, share=0.6))
-    assert planner.report.part("mixture").best_epoch >= 9
-    assert planner.mixing == ARGMAX
-    assert planner.details["annealing"] == {"start": 1.0, "end": 0.05, "share": 0.6}
-
-
-def test_joint_training_learns(samples):
-    planner = fit_mixture_jointly(samples, 2, settings=TrainingSettings(epochs=60))
-    losses = planner.report.part("mixture").training_losses
-    assert losses[-1] < losses[0] / 3
-
-
-def test_retraining_with_argmax_leaves_the_gate(samples, pretrained):
-    before = {key: value.clone() for key, value in weights(pretrained).items()}
-    retrained = retrain(pretrained, samples, ARGMAX, settings=QUICK)
-    assert equal(before, weights(pretrained))
-    for key, value in weights(retrained).items():
-        assert torch.equal(value, before[key]) is key.startswith("gate"), key
-    assert (retrained.name, retrained.mixing) == ("moe-retrained-argmax", ARGMAX)
-    assert retrained.details["pretraining"]["clusters"]["method"] == "custom"
-
-
-@pytest.mark.parametrize("epsilon", [1.0, 0.1])
-def test_retraining_with_softmax_moves_the_gate(samples, pretrained, epsilon):
-    retrained = retrain(pretrained, samples, Softmax(epsilon), settings=QUICK)
-    assert not equal(dict(retrained.network.gate.state_dict()), dict(pretrained.network.gate.state_dict()))
-    assert (retrained.name, retrained.mixing) == (f"moe-retrained-softmax-{epsilon:g}", Softmax(epsilon))
-    assert retrained.outputs is pretrained.outputs
-
-
 def test_patience_stops_and_the_best_weights_are_kept(samples):
-    settings = dataclasses.replace(PAPER, learning_rate=0.1, epochs=300)
+    settings = dataclasses.replace(TrainingSettings.paper(), learning_rate=0.1, epochs=300)
     part = fit_single(samples, settings=settings).report.part("single")
     assert part.epochs < 300
     assert part.epochs == part.best_epoch + 8 + 1
     assert min(part.test_losses) == part.test_loss
 
 
-def test_the_learning_rate_follows_half_a_cosine():
-    settings = TrainingSettings(epochs=100, learning_rate=2.0, final_fraction=0.1)
-    assert settings.rate(0) == pytest.approx(2.0)
-    assert settings.rate(50) == pytest.approx(2.0 * 0.55)
-    assert settings.rate(100) == pytest.approx(0.2)
-    assert PAPER.rate(700) == 1e-3
-
-
-def test_validation_error_of_a_known_offset(samples):
-    trajectory = samples.trajectory
-    moved = dataclasses.replace(trajectory, states=trajectory.states + 0.5, duration=trajectory.duration + 3.0)
-    error = training.validation_error(lambda p: moved, samples.parameters, trajectory)
-    assert error == pytest.approx((50 * 0.5**2 / 2 + 1 * (3.0 - 0.5)) / 75)
-
-
-def test_clusters_without_test_rows_are_tested_on_their_training_rows():
-    split = Split(np.array([0, 2, 3]), np.array([1, 4]))
-    alone = split.within(np.array([True, False, True, False, False]))
-    np.testing.assert_array_equal(alone.test, alone.training)
-
-
-def test_mistakes_are_named(samples, pretrained):
+def test_mistakes_are_named(samples):
     with pytest.raises(ValueError, match=r"needs layer sizes \(2, …, 75\)"):
         fit_single(samples, sizes=(3, 20, 75), settings=QUICK)
     with pytest.raises(ValueError, match="labels of 2 samples"):
@@ -223,12 +160,6 @@ def test_mistakes_are_named(samples, pretrained):
     lonely[Split.draw(len(lonely), 0.2, 0).test[0]] = 1
     with pytest.raises(ValueError, match="no training sample"):
         fit_mixture(samples, Labels(lonely, ("a", "b"), "custom"), settings=QUICK)
-    with pytest.raises(ValueError, match="at least 1"):
-        fit_mixture_jointly(samples, 0, settings=QUICK)
-    with pytest.raises(TypeError, match="single network"):
-        retrain(fit_single(samples, settings=TrainingSettings(epochs=1)), samples)
-    with pytest.raises(ValueError, match="as many trajectories"):
-        training.validation_error(pretrained, samples.parameters[:3], samples.trajectory)
     with pytest.raises(ValueError):
         fit_single(dataclasses.replace(samples, problem=QUADCOPTER), settings=QUICK)
 
@@ -237,44 +168,51 @@ class Stop(Exception):
     """What interrupts a training."""
 
 
-def interrupt(monkeypatch, after):
-    """The training of any network stops after so many epochs, in all; with every state kept."""
-    passed = [0]
-
-    def one_epoch(*arguments, run=fitting._one_epoch):
-        if passed[0] == after:
-            raise Stop
-        passed[0] += 1
-        return run(*arguments)
-
-    monkeypatch.setattr(fitting, "_one_epoch", one_epoch)
+@pytest.fixture
+def interrupted(monkeypatch):
+    """Training states are written after every epoch; the training stops when so many have been written in all."""
+    write, written = Checkpoint.write, []
     monkeypatch.setattr(Checkpoint, "due", True)
+
+    def after(count):
+        def write_and_stop(self, state):
+            write(self, state)
+            written.append(state)
+            if len(written) == count:
+                raise Stop
+
+        written.clear()
+        monkeypatch.setattr(Checkpoint, "write", write_and_stop)
+        return written
+
+    return after
 
 
 @pytest.mark.parametrize("after", [4, 20, 44])
-def test_an_interrupted_training_goes_on_and_ends_with_the_same_weights(samples, pretrained, tmp_path, after):
+def test_an_interrupted_training_goes_on_and_ends_with_the_same_weights(
+    samples, pretrained, tmp_path, interrupted, after
+):
     def train():
         return fit_mixture(samples, cluster(samples, "custom"), settings=QUICK, checkpoints=tmp_path)
 
-    with pytest.MonkeyPatch.context() as patch:
-        interrupt(patch, after)
-        with pytest.raises(Stop):
-            train()
-    with pytest.MonkeyPatch.context() as patch:
-        interrupt(patch, 15 * len(pretrained.report.parts) - after)  # what was done is not done again
-        again = train()
+    interrupted(after)
+    with pytest.raises(Stop):
+        train()
+    written = interrupted(-1)
+    again = train()
+    assert len(written) == 15 * len(pretrained.report.parts) - after  # what was done is not done again
     assert equal(weights(pretrained), weights(again))
     for part, wanted in zip(again.report.parts, pretrained.report.parts, strict=True):
         assert (part.training_losses, part.test_losses) == (wanted.training_losses, wanted.test_losses)
 
 
-def test_a_training_that_ran_out_of_patience_stays_finished(samples, tmp_path):
+def test_a_training_that_ran_out_of_patience_stays_finished(samples, tmp_path, interrupted):
     hasty = TrainingSettings(epochs=200, patience=1, learning_rate=0.05, final_fraction=1.0)
     first = fit_single(samples, settings=hasty, checkpoints=tmp_path)
     assert first.report.parts[0].epochs < 200
-    with pytest.MonkeyPatch.context() as patch:
-        interrupt(patch, 0)
-        again = fit_single(samples, settings=hasty, checkpoints=tmp_path)
+    written = interrupted(-1)
+    again = fit_single(samples, settings=hasty, checkpoints=tmp_path)
+    assert not written
     assert equal(weights(first), weights(again))
     assert first.report.parts == again.report.parts
 
@@ -284,26 +222,8 @@ def test_checkpoints_of_another_training_are_refused(samples, tmp_path):
     for other in ({"seed": 1}, {"settings": TrainingSettings(epochs=16)}):
         with pytest.raises(CheckpointError, match="other data, settings or seed"):
             fit_single(samples, **({"settings": QUICK, "checkpoints": tmp_path} | other))
-    (tmp_path / "single.pt").write_bytes(b"no checkpoint")
-    with pytest.raises(CheckpointError, match=r"single\.pt is damaged, or not a checkpoint; delete it"):
-        fit_single(samples, settings=QUICK, checkpoints=tmp_path)
 
 
 def test_a_loss_that_explodes_is_an_error(samples):
     with pytest.raises(FloatingPointError, match="lower learning_rate"):
         fit_single(samples, settings=TrainingSettings(epochs=200, learning_rate=1e30))
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [{"epochs": 0}, {"batch": 0}, {"patience": 0}, {"learning_rate": 0.0}, {"final_fraction": 0}, {"test_share": 1.0}],
-)
-def test_settings_are_checked(arguments):
-    with pytest.raises(ValueError, match=next(iter(arguments))):
-        TrainingSettings(**arguments)
-
-
-def test_only_samples_of_its_own_problem_retrain_a_planner(samples, pretrained):
-    other = dataclasses.replace(samples, problem=samples.problem.with_constants(mass=2.0))
-    with pytest.raises(ValueError, match="of a variant of it"):
-        retrain(pretrained, other, settings=QUICK)

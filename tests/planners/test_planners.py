@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import moe_policy
 from moe_policy import store
 from moe_policy.learning.clustering import cluster
-from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture, fit_single
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.networks import ARGMAX, Softmax, count_parameters

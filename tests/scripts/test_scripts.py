@@ -20,7 +20,7 @@ import ocp_envs
 from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark.parts import Quick
 from moe_policy.experiments.tables import text_table
-from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.learning.settings import TrainingSettings
 from moe_policy.rl.training import SACSettings
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM

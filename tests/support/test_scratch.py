@@ -8,7 +8,7 @@ import pytest
 
 from moe_policy.learning import clustering
 from moe_policy.learning.clustering import cluster
-from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture, fit_single
 from moe_policy.planners import scaling
 from ocp_envs.support import scratch

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.perturbations import SENSING, Perturbation
 from moe_policy.learning.architectures import Hidden
-from moe_policy.learning.fitting import DEFAULT, TrainingSettings
+from moe_policy.learning.settings import DEFAULT, TrainingSettings
 from moe_policy.rl.settings import RLSettings
 
 

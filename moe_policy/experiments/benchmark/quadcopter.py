@@ -17,7 +17,7 @@ from moe_policy.experiments.benchmark.parts import (
     Training,
 )
 from moe_policy.experiments.perturbations import SENSING, disturbance, mismatch
-from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.learning.settings import TrainingSettings
 from moe_policy.rl.settings import PPOSettings
 
 #: The exploration noise that parks a vehicle overturns a quadcopter, and with any noise it never enters the goal ball

@@ -5,7 +5,7 @@ from __future__ import annotations
 from moe_policy.experiments.benchmark import published
 from moe_policy.experiments.benchmark.parts import Benchmark, Learners, Overview, Planners, Quick, Training
 from moe_policy.experiments.perturbations import SENSING, disturbance, mismatch
-from moe_policy.learning.fitting import TrainingSettings
+from moe_policy.learning.settings import TrainingSettings
 from moe_policy.rl.settings import PPOSettings, SACSettings
 
 #: Most episodes begin near the goal: chance seldom parks the vehicle from an initial state in the whole box.

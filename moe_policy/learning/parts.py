@@ -1,0 +1,145 @@
+"""The training of one network, which any process can do."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+from torch.nn import functional as F
+from tqdm import tqdm
+
+from moe_policy.learning.examples import Examples
+from moe_policy.learning.fitting import Objective, minimise
+from moe_policy.learning.settings import TrainingSettings
+from moe_policy.planners.networks import SingleNetwork
+from moe_policy.planners.record import PartReport
+
+# Numbers of the random streams. A single network and a first expert share theirs, so that a mixture of one expert is
+# the single network.
+GATE, FIRST_EXPERT = 0, 1
+_WEIGHTS, _ORDER = 0, 1
+_Trained = tuple[SingleNetwork, PartReport]
+_Weights = dict[str, NDArray[np.float32]]
+
+
+def _generator(seed: int, stream: int, purpose: int) -> torch.Generator:
+    state = int(np.random.SeedSequence((seed, 1, stream, purpose)).generate_state(1, np.uint64)[0])
+    return torch.Generator().manual_seed(state)
+
+
+def initial_network(sizes: Sequence[int], seed: int, stream: int) -> SingleNetwork:
+    """A network with random weights.
+
+    Args:
+        sizes: layer sizes, input and output included.
+        seed: of the training.
+        stream: number of the network's random streams, each independent of the others.
+    """
+    return SingleNetwork(sizes, _generator(seed, stream, _WEIGHTS))
+
+
+def batch_order(seed: int, stream: int) -> torch.Generator:
+    """The source of the order of minibatches.
+
+    Args:
+        seed: of the training.
+        stream: number of the network's random streams.
+    """
+    return _generator(seed, stream, _ORDER)
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The training of one network on its own.
+
+    Args:
+        name: of the part, for the report.
+        sizes: layer sizes, input and output included.
+        stream: number of its random streams.
+        examples: what it learns; a network that learns classes is a gate.
+        settings: how it is trained.
+        seed: of the training.
+        checkpoint: file of its state, ``None`` to keep none.
+    """
+
+    name: str
+    sizes: tuple[int, ...]
+    stream: int
+    examples: Examples
+    settings: TrainingSettings
+    seed: int
+    checkpoint: Path | None = None
+
+    @property
+    def work(self) -> int:
+        """A measure of how long an epoch takes."""
+        return len(self.examples.x) * sum(self.sizes)
+
+    def train(self, progress_bar: bool | None = None) -> _Trained:
+        """The trained network and its report.
+
+        Args:
+            progress_bar: show a bar; by default on a terminal.
+        """
+        network = initial_network(self.sizes, self.seed, self.stream)
+        gate = self.examples.classified
+
+        def loss(x: Tensor, y: Tensor, epoch: int) -> Tensor:
+            return F.cross_entropy(network(x), y) if gate else F.smooth_l1_loss(network(x), y)
+
+        def correct(x: Tensor, classes: Tensor, epoch: int) -> Tensor:
+            return (network(x).argmax(dim=1) == classes).double().mean()
+
+        objective = Objective(
+            name=self.name,
+            parameters=list(network.parameters()),
+            loss=loss,
+            examples=self.examples,
+            batch=self.settings.gate_batch if gate else self.settings.batch,
+            settings=self.settings,
+            order=batch_order(self.seed, self.stream),
+        )
+        report = minimise(objective, self.checkpoint, progress_bar)
+        return network, dataclasses.replace(report, accuracy=self.examples.test_loss(correct)) if gate else report
+
+
+def _in_worker(part: Part) -> tuple[_Weights, PartReport]:
+    """Train ``part`` with one thread; the weights are arrays, which travel between processes."""
+    torch.set_num_threads(1)
+    network, report = part.train(progress_bar=False)
+    return {key: value.numpy() for key, value in network.state_dict().items()}, report
+
+
+def _received(part: Part, weights: _Weights) -> SingleNetwork:
+    network = SingleNetwork(part.sizes)
+    network.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
+    return network
+
+
+def train_parts(parts: Sequence[Part], executor: Executor | None = None) -> list[_Trained]:
+    """The trained networks of ``parts`` and their reports, in order; the executor does not change them.
+
+    Args:
+        parts: what to train.
+        executor: any ``concurrent.futures`` executor of processes; ``None`` trains in this process.
+    """
+    if executor is None:
+        return [part.train() for part in parts]
+    # The largest first, so that the small ones even out the load at the end.
+    order = sorted(range(len(parts)), key=lambda i: -parts[i].work)
+    futures: dict[Future[tuple[_Weights, PartReport]], int] = {}
+    for i in order:
+        futures[executor.submit(_in_worker, parts[i])] = i
+    trained: dict[int, _Trained] = {}
+    for future in tqdm(as_completed(futures), total=len(parts), desc="networks", disable=None, leave=False):
+        i = futures[future]
+        weights, report = future.result()
+        trained[i] = _received(parts[i], weights), report
+    return [trained[i] for i in range(len(parts))]

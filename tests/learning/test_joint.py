@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+import torch
+
+from moe_policy.learning.clustering import cluster
+from moe_policy.learning.joint import fit_mixture_jointly, retrain
+from moe_policy.learning.settings import Annealing, TrainingSettings
+from moe_policy.learning.training import fit_mixture, fit_single
+from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.networks import ARGMAX, Softmax
+from tests.synthetic import fake_samples
+
+QUICK = TrainingSettings(epochs=15)
+
+
+def weights(planner: NetworkPlanner) -> dict[str, torch.Tensor]:
+    return dict(planner.network.state_dict())
+
+
+def equal(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor]) -> bool:
+    return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
+
+
+@pytest.fixture(scope="module")
+def samples():
+    return fake_samples()
+
+
+@pytest.fixture(scope="module")
+def pretrained(samples):
+    return fit_mixture(samples, cluster(samples, "custom"), settings=QUICK)
+
+
+def test_joint_training_keeps_weights_of_the_settled_phase(samples):
+    planner = fit_mixture_jointly(samples, 2, settings=QUICK, annealing=Annealing(end=0.05, share=0.6))
+    assert planner.report.part("mixture").best_epoch >= 9
+    assert planner.mixing == ARGMAX
+    assert planner.details["annealing"] == {"start": 1.0, "end": 0.05, "share": 0.6}
+
+
+def test_joint_training_learns(samples):
+    planner = fit_mixture_jointly(samples, 2, settings=TrainingSettings(epochs=60))
+    losses = planner.report.part("mixture").training_losses
+    assert losses[-1] < losses[0] / 3
+
+
+def test_retraining_with_argmax_leaves_the_gate(samples, pretrained):
+    before = {key: value.clone() for key, value in weights(pretrained).items()}
+    retrained = retrain(pretrained, samples, ARGMAX, settings=QUICK)
+    assert equal(before, weights(pretrained))
+    for key, value in weights(retrained).items():
+        assert torch.equal(value, before[key]) is key.startswith("gate"), key
+    assert (retrained.name, retrained.mixing) == ("moe-retrained-argmax", ARGMAX)
+    assert retrained.details["pretraining"]["clusters"]["method"] == "custom"
+
+
+@pytest.mark.parametrize("epsilon", [1.0, 0.1])
+def test_retraining_with_softmax_moves_the_gate(samples, pretrained, epsilon):
+    retrained = retrain(pretrained, samples, Softmax(epsilon), settings=QUICK)
+    assert not equal(dict(retrained.network.gate.state_dict()), dict(pretrained.network.gate.state_dict()))
+    assert (retrained.name, retrained.mixing) == (f"moe-retrained-softmax-{epsilon:g}", Softmax(epsilon))
+    assert retrained.outputs is pretrained.outputs
+
+
+def test_only_samples_of_its_own_problem_retrain_a_planner(samples, pretrained):
+    other = dataclasses.replace(samples, problem=samples.problem.with_constants(mass=2.0))
+    with pytest.raises(ValueError, match="of a variant of it"):
+        retrain(pretrained, other, settings=QUICK)
+
+
+def test_the_seed_decides_a_joint_training(samples):
+    first, second, other = (fit_mixture_jointly(samples, 3, settings=QUICK, seed=seed) for seed in (1, 1, 2))
+    assert equal(weights(first), weights(second))
+    assert not equal(weights(first), weights(other))
+
+
+def test_a_mixture_needs_an_expert(samples):
+    with pytest.raises(ValueError, match="k must be at least 1, got 0"):
+        fit_mixture_jointly(samples, 0, settings=QUICK)
+
+
+def test_only_a_mixture_can_be_retrained(samples):
+    with pytest.raises(TypeError, match="single network"):
+        retrain(fit_single(samples, settings=TrainingSettings(epochs=1)), samples)
