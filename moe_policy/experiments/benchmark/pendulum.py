@@ -5,7 +5,7 @@ from __future__ import annotations
 from moe_policy.experiments.benchmark import published
 from moe_policy.experiments.benchmark.parts import Benchmark, Learners, Overview, Planners, Quick, Training
 from moe_policy.experiments.perturbations import SENSING, disturbance, mismatch
-from moe_policy.learning.fitting import DEFAULT
+from moe_policy.learning.settings import DEFAULT
 from moe_policy.rl.settings import SHORT_SAC, PPOSettings, SACSettings
 
 #: Without a price for the distance to the goal PPO learns to stand still: acting costs, and chance does not find the
