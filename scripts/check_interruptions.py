@@ -27,7 +27,8 @@ from typing import Any
 import numpy as np
 
 import ocp_envs
-from ocp_envs.data.database import Database, DatabaseError
+from ocp_envs.data.database import Database
+from ocp_envs.data.layout import DatabaseError
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.splits import Split, split_of
 from ocp_envs.support.provenance import provenance, write_json

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from moe_policy.experiments.figures.style import COLORS, save_figure
-from ocp_envs.data.database import MISSING, Database
+from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.solvers.accuracy import Accuracy, accuracy
@@ -120,8 +120,7 @@ def contents(database: Database) -> Contents:
     modes_found, best = np.zeros(modes + 1, np.int64), np.zeros(modes, np.int64)
     found, statuses, gaps = best.copy(), np.zeros(len(Status), np.int64), [np.empty(0)]
     for where, rows in database.blocks():
-        there = rows.status != MISSING  # an interrupted chunk has costs, but does not count
-        full = (rows.slot_status == Status.SOLVED) & there[:, None]
+        there, full = rows.present, rows.found
         row, mode = np.nonzero(full)
         trajectory = problem.unflatten(rows.z[row, mode])
         parameters = database.stored_parameters(where)[row]

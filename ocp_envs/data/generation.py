@@ -26,7 +26,8 @@ from filelock import FileLock, Timeout
 from numpy.typing import ArrayLike
 from tqdm import tqdm
 
-from ocp_envs.data.database import Database, DatabaseError, Rows
+from ocp_envs.data.database import Database
+from ocp_envs.data.layout import DatabaseError, StoredRows
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.data.warm_starts import rounds, tasks
 from ocp_envs.data.worker import Chunk, solve_chunk
@@ -66,7 +67,7 @@ class _Run:
         self._losses = 0  # since the last chunk arrived
 
     def __call__(self, tasks: Iterator[Chunk]) -> None:
-        running: dict[Future[Rows], Chunk] = {}
+        running: dict[Future[StoredRows], Chunk] = {}
         again: list[Chunk] = []
         try:
             while True:
@@ -86,7 +87,7 @@ class _Run:
                 future.cancel()
             raise
 
-    def _take(self, future: Future[Rows], task: Chunk) -> Chunk | None:
+    def _take(self, future: Future[StoredRows], task: Chunk) -> Chunk | None:
         """Write the chunk that arrived; return the task where its worker was lost."""
         error = CancelledError("the executor dropped a task") if future.cancelled() else future.exception()
         if error is not None:

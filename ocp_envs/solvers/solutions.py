@@ -1,4 +1,4 @@
-"""Solutions of batches of problems: physical units, independently checked, failures as values."""
+"""Solutions of batches of problem instances: physical units, independently checked, failures as values."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.check import verify
+from ocp_envs.solvers.guesses import NEAREST_WINDING
 from ocp_envs.solvers.nlp import Result, Status, Task
 from ocp_envs.solvers.transcription import Transcription
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
@@ -28,8 +29,8 @@ class Solutions(Batch):
             where not solved.
         status: (B,) int8, values of :class:`Status`.
         iterations: (B,) int32, of both solvers together.
-        fallback: (B,) bool, whether the second solver was used.
-        seconds: (B,) time of the solve.
+        fallback: (B,) bool, whether the fallback solver was used.
+        seconds: time of the solve, (B,).
     """
 
     trajectory: Trajectory
@@ -37,18 +38,26 @@ class Solutions(Batch):
     multipliers: Array
     status: NDArray[np.int8]
     iterations: NDArray[np.int32]
-    fallback: NDArray[np.bool_]
+    fallback: Bools
     seconds: Array
 
-    @property
-    def solved(self) -> NDArray[np.bool_]:
-        return self.status == Status.SOLVED
+    @classmethod
+    def empty(cls, problem: OptimalControlProblem, count: int) -> Solutions:
+        """``count`` times the outcome of no solve at all of ``problem``: EMPTY, without a trajectory."""
+        return cls(
+            trajectory=problem.unflatten(np.full((count, problem.flat_size), np.nan)),
+            cost=np.full(count, np.inf),
+            multipliers=np.full((count, problem.knots, problem.n_clearances), np.nan),
+            status=np.full(count, Status.EMPTY, dtype=np.int8),
+            iterations=np.zeros(count, dtype=np.int32),
+            fallback=np.zeros(count, dtype=bool),
+            seconds=np.zeros(count),
+        )
 
-    def _blank(self, rows: NDArray[np.bool_]) -> None:
-        """Remove the solutions of ``rows``; only before anybody else sees these arrays."""
-        for values in (self.trajectory.states, self.trajectory.controls, self.trajectory.duration, self.multipliers):
-            values[rows] = np.nan
-        self.cost[rows] = np.inf
+    @property
+    def solved(self) -> Bools:
+        """Which solves found a trajectory that passed the check, (B,)."""
+        return self.status == Status.SOLVED
 
 
 def make_tasks(
@@ -59,7 +68,19 @@ def make_tasks(
     windings: NDArray[np.integer],
     retry_with_fallback: bool = True,
 ) -> list[Task]:
-    """The solves of a batch, validated and in scaled variables."""
+    """The solves of a batch in scaled variables.
+
+    Args:
+        problem: the problem.
+        transcription: its nonlinear program.
+        parameters: (B, np).
+        guesses: B trajectories.
+        windings: (B,) indices into ``problem.targets``, or :data:`~ocp_envs.solvers.guesses.NEAREST_WINDING`.
+        retry_with_fallback: whether the fallback solver retries where the primary solver did not converge.
+
+    Raises:
+        ValueError: shapes or windings that do not fit, or guesses that are not finite.
+    """
     windings = np.asarray(windings)
     expected = (len(parameters), problem.knots, problem.system.nx)
     if guesses.states.shape != expected or windings.shape != expected[:1]:
@@ -70,10 +91,12 @@ def make_tasks(
     if not guesses.finite.all():
         raise ValueError(f"{problem.id}: guess {int(np.flatnonzero(~guesses.finite)[0])} is not finite")
     count = len(problem.targets)
-    if np.any((windings < -1) | (windings >= count)):
-        raise ValueError(f"{problem.id}: windings must be -1 … {count - 1}, got {windings.min()} … {windings.max()}")
+    if np.any((windings < NEAREST_WINDING) | (windings >= count)):
+        raise ValueError(
+            f"{problem.id}: windings must be {NEAREST_WINDING} … {count - 1}, got {windings.min()} … {windings.max()}"
+        )
     distance = np.abs((guesses.states[:, -1, None] - problem.targets) / problem.system.state.scale).sum(axis=2)
-    targets = np.where(windings < 0, distance.argmin(axis=1), windings)
+    targets = np.where(windings == NEAREST_WINDING, distance.argmin(axis=1), windings)
     fixed = np.concatenate(problem.start(parameters), axis=1)
     return [Task(*row, retry_with_fallback) for row in zip(transcription.pack(guesses), fixed, targets.tolist())]
 
@@ -81,48 +104,55 @@ def make_tasks(
 def collect(
     problem: OptimalControlProblem, transcription: Transcription, parameters: Array, results: Iterable[Result]
 ) -> Solutions:
-    """Results in physical units, each checked independently of the solver."""
+    """Solutions in physical units, each checked independently of the solver.
+
+    Args:
+        problem: the problem.
+        transcription: its nonlinear program.
+        parameters: (B, np).
+        results: how the B solves ended.
+    """
     size, control = len(parameters), problem.system.control
     statuses, w, costs, held, iterations, fallback, seconds = zip(*results) if size else ([],) * 7
-    status, cost = np.array(statuses, dtype=np.int8), np.array(costs, dtype=np.float64)
-    starts, _ = problem.start(parameters)
-    trajectory = transcription.unpack(np.array(w).reshape(size, len(transcription.lower)), starts)
-    np.clip(trajectory.controls, control.lower, control.upper, out=trajectory.controls)  # IPOPT relaxes bounds by 1e-8
+    initial, _ = problem.start(parameters)
+    found = transcription.unpack(np.array(w).reshape(size, len(transcription.lower)), initial)
+    controls = np.clip(found.controls, control.lower, control.upper)  # IPOPT relaxes bounds by 1e-8
+    trajectory = Trajectory(found.states, controls, found.duration)
     multipliers = np.zeros((size, problem.knots, problem.n_clearances))  # none at the first knot, which is given
     multipliers[:, 1:] = np.array(held).reshape(multipliers[:, 1:].shape)
-    check = verify(problem, parameters, trajectory, cost)
-    status[(status == Status.SOLVED) & ~check.passed] = Status.CHECK_FAILED
-    solutions = Solutions(
-        trajectory=trajectory,
-        cost=cost,
-        multipliers=multipliers,
+    status, cost = np.array(statuses, dtype=np.int8), np.array(costs, dtype=np.float64)
+    passed = verify(problem, parameters, trajectory, cost).passed
+    status[(status == Status.SOLVED) & ~passed] = Status.CHECK_FAILED
+    failed = status != Status.SOLVED
+    nothing = Solutions.empty(problem, int(failed.sum()))
+    return Solutions(
+        trajectory=trajectory.replaced(failed, nothing.trajectory),
+        cost=np.where(failed, np.inf, cost),
+        multipliers=np.where(failed[:, None, None], np.nan, multipliers),
         status=status,
         iterations=np.array(iterations, dtype=np.int32),
         fallback=np.array(fallback, dtype=bool),
         seconds=np.array(seconds, dtype=np.float64),
     )
-    solutions._blank(~solutions.solved)
-    return solutions
 
 
 def best_per_mode(problem: OptimalControlProblem, parameters: Array, solutions: Solutions) -> Solutions:
-    """The cheapest of several solutions of one parameter (np,) in each mode: one row per mode, EMPTY where none is."""
+    """The cheapest solution of each solution family.
+
+    Args:
+        problem: the problem.
+        parameters: of one instance, (np,).
+        solutions: any number of solutions of this instance.
+
+    Returns:
+        one row for each family of the problem; EMPTY where there is none.
+    """
     found = np.flatnonzero(solutions.solved)
-    modes = np.full(len(solutions), -1)
-    if len(found):
-        p = np.repeat(parameters[None], len(found), axis=0)
-        modes[found] = problem.modes.classify(problem, p, solutions.trajectory[found], solutions.multipliers[found])
-    # A stable order: of equal costs the earlier solve wins.
-    order = np.argsort(solutions.cost, kind="stable")
-    rows = [next((i for i in order if modes[i] == mode), -1) for mode in range(len(problem.modes))]
-    return _with_empty(solutions, np.array(rows))
-
-
-def _with_empty(solutions: Solutions, rows: NDArray[np.int64]) -> Solutions:
-    """The given rows; where a row is −1, an EMPTY one."""
-    chosen = solutions[rows]
-    empty = rows < 0
-    chosen._blank(empty)
-    chosen.status[empty] = Status.EMPTY
-    chosen.iterations[empty], chosen.fallback[empty], chosen.seconds[empty] = 0, False, 0.0
-    return chosen
+    found = found[np.argsort(solutions.cost[found], kind="stable")]  # of equal costs the earlier solve wins
+    best = Solutions.empty(problem, len(problem.modes))
+    if not len(found):
+        return best
+    p = np.repeat(parameters[None], len(found), axis=0)
+    mode = problem.modes.classify(problem, p, solutions.trajectory[found], solutions.multipliers[found])
+    which, first = np.unique(mode, return_index=True)
+    return best.replaced(np.isin(np.arange(len(best)), which), solutions[found[first]])

@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ocp_envs.data.database import Database, DatabaseError, Rows
+from ocp_envs.data.database import Database
+from ocp_envs.data.layout import DatabaseError, StoredRows
 from ocp_envs.goal import winding_modes
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
@@ -22,7 +23,7 @@ def made_up(problem, parameters, seed=0):
     have[:, 0] = True
     have[0] = False
     counts = {name: rng.integers(0, 9, size).astype(np.int32) for name in ("solves", "failures", "fallbacks")}
-    return Rows(
+    return StoredRows(
         status=np.where(have.any(axis=1), Status.SOLVED, Status.NOT_CONVERGED).astype(np.int8),
         slot_status=np.where(have, Status.SOLVED, Status.EMPTY).astype(np.int8),
         cost=np.where(have, rng.random((size, modes)) + 1, np.inf),
@@ -31,10 +32,6 @@ def made_up(problem, parameters, seed=0):
         iterations=np.full(size, 7, np.int32),
         **counts,
     )
-
-
-def part(rows, where):
-    return Rows(**{name: value[where] for name, value in vars(rows).items()})
 
 
 @pytest.fixture
@@ -51,21 +48,21 @@ def empty(tmp_path, order):
 def filled(empty, order):
     rows = made_up(PENDULUM, empty.parameters)
     for chunk in range(empty.chunks):
-        empty.write(chunk, part(rows, order[empty.stored_rows(chunk)]))
+        empty.write(chunk, rows[order[empty.stored_rows(chunk)]])
     return Database.open(empty.path), rows
 
 
 # -- reading and writing -----------------------------------------------------------------------------------------------
 
 
-def test_rows_come_back_in_the_order_of_the_parameters(filled):
+def test_rows_come_back_in_the_order_in_which_they_are_stored(filled, order):
     database, rows = filled
     assert database.complete
     assert len(database) == COUNT
     np.testing.assert_array_equal(database.parameters, sample(PENDULUM, 1, COUNT))
     for name, value in vars(rows).items():
-        np.testing.assert_array_equal(getattr(database.rows(), name), value, err_msg=name)
-        np.testing.assert_array_equal(getattr(database.rows([7, 2]), name), value[[7, 2]], err_msg=name)
+        np.testing.assert_array_equal(getattr(database.stored(slice(0, COUNT)), name), value[order], err_msg=name)
+        np.testing.assert_array_equal(getattr(database.stored(slice(4, 8)), name), value[order[4:8]], err_msg=name)
 
 
 def test_samples_are_the_cheapest_trajectories_of_solved_problems(filled):
@@ -94,7 +91,7 @@ def test_reading_in_blocks_changes_nothing(filled, monkeypatch):
         np.testing.assert_array_equal(getattr(again, name), getattr(whole, name), err_msg=name)
     np.testing.assert_array_equal(again.trajectory.flat(), whole.trajectory.flat())
     np.testing.assert_array_equal(database.costs(), rows.cost)
-    np.testing.assert_array_equal(database.rows([9, 0, 4]).z, rows.z[[9, 0, 4]])
+    np.testing.assert_array_equal(database.samples([9, 1, 4]).mode_costs, rows.cost[[9, 1, 4]])
     assert database.digest() == digest
 
 
@@ -132,7 +129,7 @@ def test_totals_and_digest(filled, empty):
     before = database.digest()
     assert Database.open(database.path).digest() == before
     changed = made_up(PENDULUM, database.parameters, seed=9)
-    database.write(0, part(changed, slice(0, CHUNK)))
+    database.write(0, changed[:CHUNK])
     assert database.digest() != before
 
 
@@ -158,7 +155,7 @@ def test_the_first_problems_are_usable_before_the_database_is_complete(filled, o
     (database.path / "status" / "c" / "1").unlink()
     again = Database.open(database.path)
     np.testing.assert_array_equal(again.first(CHUNK), np.sort(order[:CHUNK]))
-    with pytest.raises(DatabaseError, match=f"of the first {CHUNK + 1} problems"):
+    with pytest.raises(DatabaseError, match=f"of the first {CHUNK + 1} instances"):
         again.first(CHUNK + 1)
 
 
@@ -167,7 +164,7 @@ def test_what_an_interrupted_write_leaves_is_tolerated(filled):
     database, rows = filled
     (database.path / "z" / "c" / "0.1234.partial").write_bytes(b"half a chunk")
     (database.path / "zarr.5678.partial").write_bytes(b"{")
-    np.testing.assert_array_equal(Database.open(database.path).rows().cost, rows.cost)
+    np.testing.assert_array_equal(Database.open(database.path).costs(), rows.cost)
 
 
 def damage_truncate(path):
@@ -232,7 +229,7 @@ def test_another_problem_is_refused(empty):
         Database.open(empty.path, DOUBLE_INTEGRATOR)
     with pytest.raises(DatabaseError, match="has changed since"):
         Database.open(empty.path, PENDULUM.with_constants(mass=1.1))
-    with pytest.raises(DatabaseError, match="anew since"):
+    with pytest.raises(DatabaseError, match="declaration has changed since"):
         Database.open(empty.path, replace(PENDULUM, modes=winding_modes(("left", "middle", "right"))))
 
 

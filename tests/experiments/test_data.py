@@ -15,7 +15,8 @@ from scipy.linalg import expm
 
 from moe_policy.experiments.data import accuracy_of, contents, data_figure
 from moe_policy.experiments.figures.style import COLORS, STYLE
-from ocp_envs.data.database import Database, Rows
+from ocp_envs.data.database import Database
+from ocp_envs.data.layout import StoredRows
 from ocp_envs.goal import Modes
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
@@ -58,7 +59,7 @@ def made_by_hand(path, failures=(0,) * 6, fallbacks=(0,) * 6, interrupted=True):
         plan, costs = exact(parameters, duration)
         cost[:, mode] = np.where(HAVE[:, mode], costs, np.inf)
         z[:, mode] = np.where(HAVE[:, mode, None], plan.flat(), np.nan)
-    rows = Rows(
+    rows = StoredRows(
         status=STATUS,
         slot_status=np.where(HAVE, Status.SOLVED, Status.EMPTY).astype(np.int8),
         cost=cost,
@@ -71,7 +72,7 @@ def made_by_hand(path, failures=(0,) * 6, fallbacks=(0,) * 6, interrupted=True):
     )
     database = Database.create(path, INTEGRATOR, parameters, order=order, chunk=1, settings={"margin": 0.1})
     for chunk in range(6):
-        database.write(chunk, Rows(**{name: value[order[[chunk]]] for name, value in vars(rows).items()}))
+        database.write(chunk, rows[order[[chunk]]])
     if interrupted:
         (path / "status" / "c" / str(list(order).index(3))).unlink()
     return Database.open(path, INTEGRATOR), cost

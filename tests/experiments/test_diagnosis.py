@@ -23,7 +23,8 @@ from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, MixtureOfExperts, SingleNetwork, Softmax
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs import problems
-from ocp_envs.data.database import Database, Rows
+from ocp_envs.data.database import Database
+from ocp_envs.data.layout import StoredRows
 from ocp_envs.data.samples import Samples
 from ocp_envs.goal import Modes
 from ocp_envs.solvers.nlp import Status
@@ -268,7 +269,7 @@ def store(path, held):
     status = np.where(np.arange(size) < len(held), Status.SOLVED, Status.EMPTY).astype(np.int8)
     none = np.zeros(size, np.int32)
     multipliers = np.zeros((size, 2, PROBLEM.knots, 0))
-    database.write(0, Rows(status, slot_status, cost, z, multipliers, none, none, none, none))
+    database.write(0, StoredRows(status, slot_status, cost, z, multipliers, none, none, none, none))
 
 
 @pytest.fixture
