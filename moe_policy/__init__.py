@@ -23,7 +23,9 @@ _HOME = {
     "moe_policy.protocols": ("Planner",),
     "moe_policy.planners.solver": ("SolverPlanner",),
     "moe_policy.store": ("ModelFileError", "UnknownModelError", "available", "load", "load_file"),
-    "moe_policy.rollouts.rollout": ("Episodes", "environments", "rollout"),
+    "moe_policy.rollouts.environments": ("environments",),
+    "moe_policy.rollouts.episodes": ("Episodes",),
+    "moe_policy.rollouts.rollout": ("rollout",),
     "moe_policy.control.tracking": ("Stabilised", "Stabiliser", "TrackingPolicy"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +32,12 @@ from moe_policy.experiments.budgets import (
     generation_record,
     planner_rows,
 )
-from moe_policy.experiments.comparison import environments
 from moe_policy.experiments.curves import learner_record, learner_runs
 from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.experiments.methods import Method, solve_all
 from moe_policy.experiments.tables import text_table
-from moe_policy.rl.training import figures_of
+from moe_policy.rl.evaluation import Performance
+from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
@@ -50,10 +51,10 @@ def on_development(problem: OptimalControlProblem, method: Method, cases: refere
     """What an evaluation of a learner says, of anybody: planners are judged as such, and charged as learners are."""
     envs = environments(problem, len(cases), DT)
     policy = method.policy(problem, DT)
-    figures = figures_of(problem, rollout(envs, policy, cases.parameters), cases.cost)
+    figures = asdict(Performance.of(problem, rollout(envs, policy, cases.parameters), cases.cost))
     if method.planner is not None:
         charged = rollout(envs, policy, cases.parameters, evaluation="goal")
-        figures["mean_return"] = figures_of(problem, charged)["mean_return"]
+        figures["mean_return"] = Performance.of(problem, charged).mean_return
     envs.close()
     return figures | {"success": figures["success"] / len(cases)}
 

@@ -17,9 +17,11 @@ from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import duration, keyed, proportion
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.prediction_error import validation_error
+from moe_policy.rollouts.environments import environments
+from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import evaluate
-from moe_policy.rollouts.rollout import Episodes, environments, rollout
+from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory

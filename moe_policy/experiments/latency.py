@@ -20,7 +20,7 @@ from moe_policy.experiments.records import Record
 from moe_policy.experiments.speed.guesses import SolveRow, median_of
 from moe_policy.experiments.tables import Column, duration
 from moe_policy.protocols import Planner
-from moe_policy.rollouts.rollout import environments
+from moe_policy.rollouts.environments import environments
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance

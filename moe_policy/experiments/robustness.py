@@ -12,8 +12,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from moe_policy.experiments.methods import Method
+from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.metrics import evaluate
-from moe_policy.rollouts.rollout import environments, rollout
+from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 

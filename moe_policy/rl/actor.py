@@ -1,10 +1,11 @@
-"""Policies that reinforcement learning has found: an actor network, run at its own pace in any of our environments.
+"""Policies trained by reinforcement learning: an actor network that acts at its own period.
 
-    a = squash(W_L σ(… σ(W_1 φ(observation) + b_1) …) + b_L),   u = the control that a ∈ [-1, 1] stands for
+    a = squash(W_L σ(… σ(W_1 φ(observation) + b_1) …) + b_L),   u = the control that a ∈ [-1, 1] represents
 
-with φ and the scaling of :mod:`moe_policy.rl.wrappers`; σ and squash are ReLU and tanh for SAC, tanh and a clip
-for PPO. The actor decides every ``period`` seconds and its control is held in between, so a policy that learned with
-ten decisions a second acts in an environment with fifty ticks a second. Running it takes torch, not Stable-Baselines3.
+with φ and the scaling of :mod:`moe_policy.rl.features`; σ and squash are ReLU and tanh for SAC, tanh and a clip
+for PPO. The actor decides every ``period`` seconds and its control is held in between, so a policy trained with
+ten decisions a second acts in an environment with fifty control steps a second. Running it needs torch, but not
+Stable-Baselines3.
 """
 
 from __future__ import annotations
@@ -13,16 +14,16 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
-from moe_policy.rl.wrappers import Actions, Features
+from moe_policy.rl.features import Actions, Features
 from moe_policy.store import ModelFile, write_model
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, Ints
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "tanh": nn.Tanh}
 SQUASHES: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "clip": nn.Hardtanh}
@@ -34,7 +35,10 @@ class Actor(nn.Module):
     Args:
         sizes: neurons of every layer, features first and actions last.
         activation: of the hidden layers, ``"relu"`` or ``"tanh"``.
-        squash: how actions get into [-1, 1], ``"tanh"`` or ``"clip"``.
+        squash: what maps actions to [-1, 1], ``"tanh"`` or ``"clip"``.
+
+    Raises:
+        ValueError: fewer than two sizes, or an unknown activation or squash.
     """
 
     def __init__(self, sizes: Sequence[int], activation: str, squash: str) -> None:
@@ -49,14 +53,14 @@ class Actor(nn.Module):
         self._hidden, self._last = ACTIVATIONS[activation](), SQUASHES[squash]()
 
     def forward(self, features: Tensor) -> Tensor:
-        """Actions (B, nu) of features (B, n)."""
+        """Actions (B, nu) of ``features`` (B, n)."""
         for layer in self.layers[:-1]:
             features = self._hidden(layer(features))
         return self._last(self.layers[-1](features))
 
     @classmethod
     def of_layers(cls, layers: Sequence[nn.Linear], activation: str, squash: str) -> Actor:
-        """An actor with copies of the weights of ``layers``."""
+        """An actor with copies of the weights of ``layers``, with the ``activation`` and ``squash`` of the class."""
         actor = cls([layers[0].in_features, *(layer.out_features for layer in layers)], activation, squash)
         for own, given in zip(actor.layers, layers):
             own.load_state_dict(given.state_dict())
@@ -65,21 +69,26 @@ class Actor(nn.Module):
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Recurrent state of :class:`LearnedPolicy`: the held controls (B, nu) and the ticks they still last, (B,)."""
+    """Recurrent state of :class:`LearnedPolicy`.
 
-    controls: NDArray[np.float64]
-    ticks_left: NDArray[np.int64]
+    Args:
+        controls: the held controls, (B, nu).
+        steps_left: control steps for which they are still held, (B,).
+    """
+
+    controls: Array
+    steps_left: Ints
 
 
 class LearnedPolicy:
-    """An actor as a policy of the environment, with the signature of Stable-Baselines3.
+    """An actor as a policy, with the signature of Stable-Baselines3.
 
     Args:
         problem: the problem of the environment.
         actor: features → actions.
         period: seconds between two decisions, a multiple of ``dt``.
         dt: control period of the environment, seconds.
-        algorithm: what trained the actor, such as ``"sac"``.
+        algorithm: the learner that trained the actor, such as ``"sac"``.
         details: how it was trained, as JSON.
 
     Raises:
@@ -94,25 +103,18 @@ class LearnedPolicy:
         period: float,
         dt: float = 0.02,
         algorithm: str = "sac",
-        details: Mapping[str, Any] | None = None,
+        details: Mapping[str, object] | None = None,
     ) -> None:
         self._features, self._actions = Features(problem), Actions(problem)
-        assert self._features.space.shape is not None
-        expected = (*self._features.space.shape, problem.system.nu)
+        expected = (self._features.size, problem.system.nu)
         if (actor.sizes[0], actor.sizes[-1]) != expected:
             raise ValueError(
                 f"{problem.id}: expected an actor from {expected[0]} features to {expected[1]} actions, "
                 f"got layers of {actor.sizes}"
             )
-        ticks = period / dt if dt > 0 else math.nan
-        if not (math.isfinite(ticks) and round(ticks) >= 1 and math.isclose(ticks, round(ticks), rel_tol=1e-6)):
-            raise ValueError(
-                f"{problem.id}: the policy decides every {period} s, which is no multiple of the control period of "
-                f"{dt} s of the environment"
-            )
+        self._steps = _whole_steps(problem, period, dt)
         self.problem, self.actor, self.period, self.dt = problem, actor.eval(), float(period), float(dt)
         self.algorithm, self.details = algorithm, dict(details or {})
-        self._ticks = round(ticks)
 
     @property
     def parameters_total(self) -> int:
@@ -121,17 +123,17 @@ class LearnedPolicy:
 
     @property
     def parameters_active(self) -> int:
-        """Number of weights that take part in one decision: all."""
+        """Number of weights used in one decision: all."""
         return self.parameters_total
 
     def at(self, dt: float) -> LearnedPolicy:
-        """The same policy for environments with another control period ``dt``."""
+        """The same policy for environments with another control period ``dt``, seconds."""
         return LearnedPolicy(
             self.problem, self.actor, period=self.period, dt=dt, algorithm=self.algorithm, details=self.details
         )
 
-    def controls(self, observation: ArrayLike) -> NDArray[np.float64]:
-        """What the actor decides at observations (B, nx + nc): controls (B, nu)."""
+    def controls(self, observation: ArrayLike) -> Array:
+        """Controls (B, nu) that the actor decides at an ``observation`` (B, nx + nc)."""
         with torch.no_grad():
             actions = self.actor(torch.from_numpy(self._features(observation)))
         return self._actions.controls(actions.numpy())
@@ -142,14 +144,14 @@ class LearnedPolicy:
         state: Held | None = None,
         episode_start: ArrayLike | None = None,
         deterministic: bool = True,
-    ) -> tuple[NDArray[np.float64], Held]:
-        """Controls of one tick.
+    ) -> tuple[Array, Held]:
+        """Controls of one control step.
 
         Args:
             observation: states and contexts, (B, nx + nc) or (nx + nc,).
             state: what the last call returned; ``None``: all rows decide now.
             episode_start: rows that decide now in any case, (B,) or ``None``.
-            deterministic: accepted for the protocol; the actor gives the mean action only.
+            deterministic: accepted for the protocol; the action is always the mean one.
 
         Returns:
             Controls (B, nu) or (nu,) in float64, and the recurrent state.
@@ -157,21 +159,21 @@ class LearnedPolicy:
         batch = np.atleast_2d(np.asarray(observation))
         if state is None:
             state = Held(np.zeros((len(batch), self.problem.system.nu)), np.zeros(len(batch), np.int64))
-        elif len(state.ticks_left) != len(batch):
+        elif len(state.steps_left) != len(batch):
             raise ValueError(
-                f"got {len(batch)} observations with the recurrent state of {len(state.ticks_left)} episodes"
+                f"got {len(batch)} observations with the recurrent state of {len(state.steps_left)} episodes"
             )
-        due = state.ticks_left == 0
+        due = state.steps_left == 0
         if episode_start is not None:
             due = due | np.asarray(episode_start, bool)
-        controls, ticks_left = state.controls, np.where(due, self._ticks, state.ticks_left) - 1
+        controls, steps_left = state.controls, np.where(due, self._steps, state.steps_left) - 1
         if due.any():
             controls = controls.copy()
             controls[due] = self.controls(batch[due])
-        return (controls[0].copy() if np.ndim(observation) == 1 else controls.copy()), Held(controls, ticks_left)
+        return (controls[0].copy() if np.ndim(observation) == 1 else controls.copy()), Held(controls, steps_left)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write ``<path>.safetensors`` and ``<path>.json``; :func:`moe_policy.load_file` reads them again."""
+        """Write the files ``path`` + ``.safetensors`` and ``.json``; :func:`moe_policy.load_file` reads them."""
         tensors = {name: tensor.detach().numpy() for name, tensor in self.actor.state_dict().items()}
         description = {
             "algorithm": self.algorithm,
@@ -184,8 +186,18 @@ class LearnedPolicy:
         write_model(path, "rl", self.problem, tensors, description)
 
 
+def _whole_steps(problem: OptimalControlProblem, period: float, dt: float) -> int:
+    steps = period / dt if dt > 0 else math.nan
+    if not (math.isfinite(steps) and round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-6)):
+        raise ValueError(
+            f"{problem.id}: the policy decides every {period} s, which is no multiple of the control period of "
+            f"{dt} s of the environment"
+        )
+    return round(steps)
+
+
 def read_policy(file: ModelFile, problem: OptimalControlProblem) -> LearnedPolicy:
-    """The policy that :meth:`LearnedPolicy.save` wrote, for environments with the usual control period."""
+    """The policy that :meth:`LearnedPolicy.save` wrote to ``file``, for ``problem`` and its usual control period."""
     description = file.description
     actor = Actor(description["sizes"], description["activation"], description["squash"])
     actor.load_state_dict({name: torch.from_numpy(np.array(value)) for name, value in file.tensors.items()})

@@ -1,9 +1,9 @@
-"""What a reinforcement learner is made from: settings that build it, and that take the actor out of it again.
+"""Settings of reinforcement learners: they build a learner and extract its actor.
 
 SAC: Haarnoja et al., *Soft actor-critic algorithms and applications* (2018). PPO: Schulman et al., *Proximal policy
 optimization algorithms* (2017). TQC: Kuznetsov et al., *Controlling overestimation bias with truncated mixture of
-continuous distributional quantile critics* (2020). They are Stable-Baselines3's, TQC that of its companion sb3-contrib,
-and imported when a learner is built.
+continuous distributional quantile critics* (2020). SAC and PPO are those of Stable-Baselines3 and TQC that of its
+companion sb3-contrib, imported when a learner is built.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ import torch
 from torch import nn
 
 from moe_policy.rl.actor import Actor
-from moe_policy.rl.wrappers import Actions
+from moe_policy.rl.features import Actions
+from moe_policy.rl.wrappers import RewardShaping
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -26,28 +27,20 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RLSettings:
-    """What SAC and PPO have in common.
+class RLSettings(RewardShaping):
+    """What all learners have in common, including the shaping of their rewards.
 
     Args:
         steps: decisions to learn from, all environments together.
         period: seconds between two decisions.
-        gamma: discount of one decision.
-        n_envs: environments side by side.
+        n_envs: environments that run in parallel.
         hidden: neurons of the hidden layers, of actor and critics alike.
         learning_rate: of Adam, falling linearly to ``final_learning_rate``.
         final_learning_rate: at the last step.
         batch_size: samples of one gradient step.
         evaluate_every: steps between two evaluations on the development parameters.
-        reward_scale: factor of all rewards.
-        shaping: weight of the distance to the goal in a potential added to the rewards, 0 for none; see
-            :class:`moe_policy.rl.wrappers.VectorShapedReward`.
-        violation_price: cost per second and unit of violation of the path constraints, for problems that have any.
-        largest_cost: the most that one step costs the learner, ``None`` for what it costs; leaving the box costs more
-            than an episode can.
-        distance_price: cost per second and unit of goal error that is added to the problem's.
-        near_starts: share of the training episodes that start nearer to the goal than in the benchmark, see
-            :class:`moe_policy.rl.wrappers.VectorNearStarts`.
+        near_starts: fraction of the training episodes with an initial state nearer to the goal than in the benchmark,
+            see :class:`~moe_policy.rl.wrappers.VectorNearStarts`.
         seed: of everything random in the training.
 
     Raises:
@@ -58,36 +51,23 @@ class RLSettings:
 
     steps: int
     period: float = 0.1
-    gamma: float = 0.995
     n_envs: int = 8
     hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 1e-3
     final_learning_rate: float = 1e-4
     batch_size: int = 256
     evaluate_every: int = 10_000
-    reward_scale: float = 1.0
-    shaping: float = 0.0
-    violation_price: float = 0.0
-    largest_cost: float | None = None
-    distance_price: float = 0.0
     near_starts: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         object.__setattr__(self, "hidden", tuple(self.hidden))
-        positive = ("steps", "period", "n_envs", "learning_rate", "batch_size", "evaluate_every", "reward_scale")
-        for name in positive:
+        for name in ("steps", "period", "n_envs", "learning_rate", "batch_size", "evaluate_every"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 0 <= self.near_starts <= 1:
             raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
-        for name in ("shaping", "violation_price", "distance_price"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"{name} must be at least 0, got {getattr(self, name)}")
-        if self.largest_cost is not None and not self.largest_cost > 0:
-            raise ValueError(f"largest_cost must be positive or None, got {self.largest_cost}")
-        if not 0 < self.gamma <= 1:
-            raise ValueError(f"gamma must be in (0, 1], got {self.gamma}")
         if not 0 <= self.final_learning_rate <= self.learning_rate:
             raise ValueError(
                 f"final_learning_rate must be between 0 and learning_rate = {self.learning_rate}, "
@@ -95,15 +75,15 @@ class RLSettings:
             )
 
     def rate(self, remaining: float) -> float:
-        """Learning rate when the share ``remaining`` of the steps is left."""
+        """Learning rate when the fraction ``remaining`` of the steps is left."""
         return self.final_learning_rate + remaining * (self.learning_rate - self.final_learning_rate)
 
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
-        """The untrained learner of Stable-Baselines3."""
+        """An untrained learner of Stable-Baselines3 on ``env``."""
         raise NotImplementedError
 
     def actor(self, learner: Any) -> Actor:
-        """A copy of the learner's actor, without its noise."""
+        """A copy of the actor of ``learner``, without its noise."""
         raise NotImplementedError
 
 
@@ -112,12 +92,12 @@ class SACSettings(RLSettings):
     """Soft actor-critic; the defaults are those of the shipped pendulum policy.
 
     Args:
-        buffer_size: transitions remembered.
+        buffer_size: transitions in the replay buffer.
         learning_starts: random steps before the first gradient step.
         gradient_steps: gradient steps for every step of all environments together.
-        tau: share of the critics that moves into the target critics at each gradient step.
-        entropy: weight of the entropy: a number, ``"auto"`` (tuned until the entropy is −1 nat for each control) or
-            that with the weight to begin with, ``"auto_0.1"``.
+        tau: factor by which the target critics move towards the critics at each gradient step.
+        entropy: weight of the entropy: a number, ``"auto"`` (tuned to an entropy of −1 nat for each control), or
+            ``"auto_0.1"``, the same with the initial weight.
     """
 
     algorithm: ClassVar[str] = "sac"
@@ -130,7 +110,7 @@ class SACSettings(RLSettings):
     entropy: str | float = "auto_0.1"
 
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
-        """The untrained learner of Stable-Baselines3."""
+        """An untrained learner of Stable-Baselines3 on ``env``."""
         from stable_baselines3 import SAC
 
         return SAC("MlpPolicy", env, **self._arguments())
@@ -152,17 +132,17 @@ class SACSettings(RLSettings):
         }
 
     def actor(self, learner: Any) -> Actor:
-        """A copy of the learner's actor, without its noise."""
+        """A copy of the actor of ``learner``, without its noise."""
         network = learner.policy.actor
         return Actor.of_layers([*_linear(network.latent_pi), network.mu], "relu", "tanh")
 
 
 @dataclass(frozen=True, kw_only=True)
 class TQCSettings(SACSettings):
-    """Truncated quantile critics: SAC whose two critics tell 25 quantiles of the return each, cut off from above.
+    """Truncated quantile critics: SAC whose two critics estimate 25 quantiles of the return each.
 
     Args:
-        dropped: quantiles of each critic that are left out from above.
+        dropped: number of the highest quantiles of each critic that are left out.
     """
 
     algorithm: ClassVar[str] = "tqc"
@@ -170,7 +150,7 @@ class TQCSettings(SACSettings):
     dropped: int = 2
 
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
-        """The untrained learner of sb3-contrib.
+        """An untrained learner of sb3-contrib on ``env``.
 
         Raises:
             ImportError: it is not installed.
@@ -184,13 +164,13 @@ class TQCSettings(SACSettings):
         return learner
 
 
-#: For a comparison made anew within minutes: a third of the steps, with the discount of the trial of that length.
+#: SAC in a third of the steps, for a comparison that trains its learner within minutes.
 SHORT_SAC = SACSettings(steps=80_000, gamma=0.99)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PPOSettings(RLSettings):
-    """Proximal policy optimisation on many environments at once; the first actions are about the goal's control.
+    """Proximal policy optimisation on many environments at once; its first actions are near the goal's control.
 
     Args:
         n_steps: steps of each environment between two updates.
@@ -217,7 +197,7 @@ class PPOSettings(RLSettings):
     log_std: float = 0.0
 
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
-        """The untrained learner of Stable-Baselines3."""
+        """An untrained learner of Stable-Baselines3 on ``env``."""
         from stable_baselines3 import PPO
 
         learner = PPO(
@@ -242,7 +222,7 @@ class PPOSettings(RLSettings):
         return learner
 
     def actor(self, learner: Any) -> Actor:
-        """A copy of the learner's actor, without its noise."""
+        """A copy of the actor of ``learner``, without its noise."""
         policy = learner.policy
         return Actor.of_layers([*_linear(policy.mlp_extractor.policy_net), policy.action_net], "tanh", "clip")
 

@@ -1,112 +1,58 @@
-"""Reinforcement learning as an opponent: SAC and PPO of Stable-Baselines3 on the environments of :mod:`ocp_envs`.
+"""Training of the reinforcement learning baselines: learners of Stable-Baselines3 on the environments of ``ocp_envs``.
 
-The learner sees features and acts in [-1, 1] (:mod:`moe_policy.rl.wrappers`), at its own control period, in episodes
-that end in the goal ball; the reward is −∫L dt of a step, so the undiscounted return is the very cost that the planners
-minimise. Every so many steps the actor is run, without noise, on the development parameters in the common loop, at the
-environment's own control period and with the stabiliser taking over in the goal ball: exactly as it will be judged. The
-best actor is kept, by
+The learner observes features and acts in [-1, 1] (:mod:`moe_policy.rl.features`), at its own control period, in
+episodes that end in the goal ball. The reward is −∫L dt of a step, so the undiscounted return is the cost that the
+planners minimise. The actor is evaluated at regular intervals (:mod:`moe_policy.rl.evaluation`) and the best one is
+kept.
 
-    score = mean over the development parameters of  cost where the episode succeeds,
-                                                      the largest cost rate × time limit where it fails,
-
-which is what the environment charges for leaving its box at once. Lower is better. Among actors without any success
-the one with the highest mean return is kept.
-
-Only :func:`train` needs Stable-Baselines3; its settings are in :mod:`moe_policy.rl.settings`, running a policy is in
+Only :func:`train` needs Stable-Baselines3. Its settings are in :mod:`moe_policy.rl.settings`; trained policies run with
 :mod:`moe_policy.rl.actor`.
 """
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-import gymnasium as gym
-import numpy as np
 from numpy.typing import ArrayLike
 
-from moe_policy.control.tracking import Stabilised
-from moe_policy.rl.actor import LearnedPolicy, read_policy
-from moe_policy.rl.settings import SHORT_SAC, PPOSettings, RLSettings, SACSettings
+from moe_policy.rl.actor import LearnedPolicy
+from moe_policy.rl.evaluation import Evaluation, Evaluator
+from moe_policy.rl.settings import RLSettings
 from moe_policy.rl.wrappers import (
+    Environments,
     VectorFeatureObservation,
     VectorNearStarts,
     VectorNormalisedAction,
     VectorShapedReward,
 )
-from moe_policy.rollouts.episodes import Episodes
-from moe_policy.rollouts.rollout import rollout
-from ocp_envs.envs.simulation import largest_cost_rate
+from moe_policy.rollouts.environments import environments
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array
 
 if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
     from moe_policy.rl.vec_env import SB3VecEnv
-
-__all__ = [
-    "SHORT_SAC",
-    "PPOSettings",
-    "RLSettings",
-    "SACSettings",
-    "TrainingRun",
-    "figures_of",
-    "read_policy",
-    "train",
-    "training_env",
-]
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """The actor on the development parameters.
-
-    Args:
-        steps: decisions learnt from until then.
-        seconds: wall time of the training until then, earlier evaluations included.
-        success: episodes in the goal ball after the hold.
-        reached: episodes that entered the goal ball.
-        cost: mean ∫L dt up to the goal ball over the successes, ``None`` without any.
-        score: see the module; lower is better.
-        cost_ratio: Σ cost / Σ optimal cost of the same starts over the successes; ``None`` without any, or where no
-            optimal costs are known. Episodes end at the edge of the goal ball and the optimum in its centre, so that
-            an optimal policy may be somewhat below 1.
-        mean_return: mean over all episodes of the undiscounted return as the environment charges it: −∫L dt up to the
-            goal ball, up to the time limit where that is not entered, and with what leaving the box costs. ``None`` in
-            records from before it was kept.
-        violation: mean of the largest violation of the path constraints on the path; ``None`` without any.
-        final_error: median of ‖x − goal‖ at the judgement, or where the episode left the box; ``None`` as above.
-    """
-
-    steps: int
-    seconds: float
-    success: int
-    reached: int
-    cost: float | None
-    score: float
-    cost_ratio: float | None = None
-    mean_return: float | None = None
-    violation: float | None = None
-    final_error: float | None = None
-
-    def better_than(self, other: Evaluation) -> bool:
-        """By score; by return where the scores are equal."""
-        least = float("-inf")
-        returns = [least if e.mean_return is None else e.mean_return for e in (self, other)]
-        return (self.score, -returns[0]) < (other.score, -returns[1])
 
 
 @dataclass(frozen=True, eq=False)
 class TrainingRun:
-    """A training so far: the best policy, which evaluation it is from, and all evaluations."""
+    """A training up to an evaluation.
+
+    Args:
+        settings: of the learner.
+        policy: the best policy.
+        best: its evaluation.
+        curve: all evaluations.
+    """
 
     settings: RLSettings
     policy: LearnedPolicy
     best: Evaluation
     curve: tuple[Evaluation, ...] = ()
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """Settings and training curve as JSON."""
         return {
             "algorithm": self.settings.algorithm,
@@ -119,11 +65,11 @@ class TrainingRun:
 
 
 def training_env(problem: OptimalControlProblem, settings: RLSettings, **arguments: Any) -> SB3VecEnv:
-    """The registered ``problem`` as the learner sees it: features, actions in [-1, 1], one decision a step.
+    """``problem`` as the learner sees it: features, actions in [-1, 1], one decision a step.
 
     Args:
-        problem: a problem that ``ocp_envs`` knows.
-        settings: number of episodes side by side, seconds between two decisions, and what is done to rewards.
+        problem: the problem.
+        settings: number of environments, seconds between two decisions, initial states and the shaping of rewards.
         arguments: further arguments of :class:`ocp_envs.Env`.
 
     Raises:
@@ -134,88 +80,66 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings, **argumen
     except ImportError as error:
         raise ImportError(f"training needs Stable-Baselines3: pip install 'ocp-moe[rl]' ({error})") from error
 
-    envs: Any = gym.make_vec(
-        problem.id,
-        num_envs=settings.n_envs,
-        vectorization_mode="vector_entry_point",
-        dt=settings.period,
-        autoreset_mode="Disabled",
-        **arguments,
-    )
+    ending = {"terminate_at_goal": True} | arguments
+    envs: Environments = environments(problem, settings.n_envs, settings.period, **ending)
     if settings.near_starts:
         envs = VectorNearStarts(envs, settings.near_starts, settings.seed)
-    largest_cost = np.inf if settings.largest_cost is None else settings.largest_cost
-    rewarded = VectorShapedReward(
-        envs,
-        settings.reward_scale,
-        settings.shaping,
-        settings.gamma,
-        settings.violation_price,
-        largest_cost,
-        settings.distance_price,
-    )
-    return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(rewarded)))
+    return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(VectorShapedReward(envs, settings))))
 
 
-def figures_of(
-    problem: OptimalControlProblem, episodes: Episodes, optimal_costs: Array | None = None
-) -> dict[str, Any]:
-    """What an :class:`Evaluation` says of ``episodes``, of a learner or of anybody else.
-
-    Args:
-        problem: the problem they ran on.
-        episodes: B of them.
-        optimal_costs: best known costs of their starts, (B,).
-    """
-    won, failure = episodes.success, largest_cost_rate(problem) * problem.time_limit
-    ratio = None
-    if optimal_costs is not None and won.any():
-        ratio = float(episodes.cost[won].sum() / optimal_costs[won].sum())
-    return {
-        "success": int(won.sum()),
-        "reached": int(episodes.reached.sum()),
-        "cost": float(episodes.cost[won].mean()) if won.any() else None,
-        "score": float(np.where(won, episodes.cost, failure).mean()),
-        "cost_ratio": ratio,
-        "mean_return": -float(episodes.cost.mean()),
-        "violation": float(episodes.violation.mean()) if problem.n_clearances else None,
-        "final_error": float(np.median(episodes.final_error)),
-    }
-
-
-class _Judge:
-    """Evaluates actors on the development parameters, in the common loop."""
+class _Progress:
+    """A training under way: it evaluates the learner when an evaluation is due, and keeps the best policy."""
 
     def __init__(
-        self, problem: OptimalControlProblem, development: ArrayLike, optimal_costs: ArrayLike | None = None
+        self,
+        learner: BaseAlgorithm,
+        settings: RLSettings,
+        evaluator: Evaluator,
+        details: Mapping[str, object],
+        on_evaluation: Callable[[TrainingRun], None] | None,
     ) -> None:
-        self.problem = problem
-        self.development = problem.check_parameters(development)
-        self.optimal: Array | None = None
-        if optimal_costs is not None:
-            self.optimal = np.asarray(optimal_costs, dtype=np.float64)
-            if self.optimal.shape != (len(self.development),) or not np.all(self.optimal > 0):
-                raise ValueError(
-                    f"{problem.id}: expected one positive optimal cost for each of {len(self.development)} development "
-                    f"parameters, got {self.optimal.size} of shape {self.optimal.shape}, the smallest "
-                    f"{self.optimal.min(initial=np.inf):.3g}"
-                )
-        self.envs = gym.make_vec(
-            problem.id,
-            num_envs=len(self.development),
-            vectorization_mode="vector_entry_point",
-            terminate_at_goal=False,
-            autoreset_mode="Disabled",
-        )
+        self.learner, self.settings, self.evaluator = learner, settings, evaluator
+        self.details, self.on_evaluation = details, on_evaluation
+        self.run: TrainingRun | None = None
 
-    def __call__(self, policy: LearnedPolicy, steps: int, started: float) -> Evaluation:
-        judged = Stabilised(policy, self.problem, policy.dt) if self.problem.hold else policy
-        episodes = rollout(self.envs, judged, self.development)
-        return Evaluation(
-            steps=steps,
-            seconds=round(time.perf_counter() - started, 1),
-            **figures_of(self.problem, episodes, self.optimal),
+    @property
+    def evaluated(self) -> int:
+        """Steps at the last evaluation."""
+        return self.run.curve[-1].steps if self.run else 0
+
+    def after_step(self, local: dict[str, Any], world: dict[str, Any]) -> bool:
+        """Callback of Stable-Baselines3: evaluate where ``evaluate_every`` steps are complete, and continue."""
+        every = self.settings.evaluate_every
+        if self.learner.num_timesteps // every > self.evaluated // every:
+            self.evaluate()
+        return True
+
+    def evaluate(self) -> TrainingRun:
+        """Evaluate the current actor and report."""
+        steps, settings = self.learner.num_timesteps, self.settings
+        details = {**self.details, "steps": steps, "settings": asdict(settings)}
+        policy = LearnedPolicy(
+            self.evaluator.problem,
+            settings.actor(self.learner),
+            period=settings.period,
+            algorithm=settings.algorithm,
+            details=details,
         )
+        evaluation, run = self.evaluator(policy, steps), self.run
+        if run is None:
+            run = TrainingRun(settings, policy, evaluation)
+        elif evaluation.better_than(run.best):
+            run = replace(run, policy=policy, best=evaluation)
+        self.run = replace(run, curve=(*run.curve, evaluation))
+        if self.on_evaluation is not None:
+            self.on_evaluation(self.run)
+        return self.run
+
+    def complete(self) -> TrainingRun:
+        """The run with an evaluation of the last step."""
+        if self.run is None or self.evaluated < self.learner.num_timesteps:
+            return self.evaluate()
+        return self.run
 
 
 def train(
@@ -225,50 +149,27 @@ def train(
     *,
     optimal_costs: ArrayLike | None = None,
     on_evaluation: Callable[[TrainingRun], None] | None = None,
-    details: Mapping[str, Any] | None = None,
+    details: Mapping[str, object] | None = None,
 ) -> TrainingRun:
     """Train a policy and keep the best by development score.
 
     Args:
-        problem: a problem that ``ocp_envs`` knows.
-        settings: :class:`SACSettings` or :class:`PPOSettings`.
+        problem: the problem.
+        settings: of the learner, such as :class:`~moe_policy.rl.settings.SACSettings`.
         development: parameters (B, np) on which the best actor is chosen.
-        optimal_costs: the best known cost of each of them, (B,), for ratios of costs; nothing is chosen by it.
+        optimal_costs: the best known cost from each of them, (B,), for cost ratios; they do not affect the choice.
         on_evaluation: called with the run so far after each evaluation, to report and to save.
         details: kept with the policy, as JSON.
 
     Raises:
         ImportError: Stable-Baselines3 is not installed.
-        ValueError: parameters or optimal costs that are no use.
+        ValueError: parameters outside their box, or optimal costs that are not B positive numbers.
     """
-    judge = _Judge(problem, development, optimal_costs)
+    evaluator = Evaluator(problem, development, optimal_costs)
     env = training_env(problem, settings)
-    learner = settings.learner(env)
-    started, run = time.perf_counter(), None
-
-    def evaluate() -> TrainingRun:
-        actor = settings.actor(learner)
-        facts = {**(details or {}), "steps": learner.num_timesteps, "settings": asdict(settings)}
-        policy = LearnedPolicy(problem, actor, period=settings.period, algorithm=settings.algorithm, details=facts)
-        evaluation = judge(policy, learner.num_timesteps, started)
-        if run is None or evaluation.better_than(run.best):
-            return TrainingRun(settings, policy, evaluation, (*(run.curve if run else ()), evaluation))
-        return replace(run, curve=(*run.curve, evaluation))
-
-    def after_step(local: dict[str, Any], world: dict[str, Any]) -> bool:
-        nonlocal run
-        done = run.curve[-1].steps if run else 0
-        if learner.num_timesteps // settings.evaluate_every > done // settings.evaluate_every:
-            run = evaluate()
-            if on_evaluation is not None:
-                on_evaluation(run)
-        return True
-
-    learner.learn(settings.steps, callback=after_step)
-    if run is None or run.curve[-1].steps < learner.num_timesteps:
-        run = evaluate()
-        if on_evaluation is not None:
-            on_evaluation(run)
+    progress = _Progress(settings.learner(env), settings, evaluator, details or {}, on_evaluation)
+    progress.learner.learn(settings.steps, callback=progress.after_step)
+    run = progress.complete()
     env.close()
-    judge.envs.close()
+    evaluator.close()
     return run

@@ -1,4 +1,4 @@
-"""Our batched environments as a ``VecEnv`` of Stable-Baselines3, which does not take a Gymnasium ``VectorEnv``."""
+"""Vector environments of Gymnasium as a ``VecEnv`` of Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from stable_baselines3.common.vec_env import VecEnv
 
 
 class SB3VecEnv(VecEnv):
-    """A Gymnasium vector environment behind Stable-Baselines3's interface, in one batch and without a loop over steps.
+    """A Gymnasium vector environment with Stable-Baselines3's interface; all rows are one batch.
 
-    As there, a row whose episode ended restarts in the same step: the observation is the first of the new episode, and
-    ``info`` has ``terminal_observation`` and, like every step, ``TimeLimit.truncated``. ``seed(s)`` seeds row i with
-    s + i at the next reset. Rows share one environment, so attributes can be read for some rows and set for all.
+    A row whose episode ended restarts in the same step: its observation is the first of the new episode, and ``info``
+    has ``terminal_observation`` and, as in every step, ``TimeLimit.truncated``. ``seed(s)`` seeds row i with s + i at
+    the next reset. Rows share one environment, so attributes can be read for some rows but are set for all.
 
     Args:
         envs: made with ``autoreset_mode="Disabled"``, so that an episode's last observation is seen; wrapped or not.
@@ -60,7 +60,7 @@ class SB3VecEnv(VecEnv):
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Remember ``actions`` (num_envs, nu) for :meth:`step_wait`."""
+        """Keep ``actions`` (num_envs, nu) for :meth:`step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
@@ -111,7 +111,7 @@ class SB3VecEnv(VecEnv):
         return layer
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """The attribute for each of ``indices``: its row where it is an array with one row for each environment."""
+        """The attribute ``attr_name`` for each of ``indices``: of an array with a row for each, that row."""
         value = getattr(self._owner(attr_name), attr_name)
         rows = self._get_indices(indices)
         if isinstance(value, np.ndarray) and value.shape[:1] == (self.num_envs,):
@@ -123,18 +123,25 @@ class SB3VecEnv(VecEnv):
             raise ValueError(f"{what}: the rows are one batched environment; leave indices at None")
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set the attribute of the batched environment, for all rows at once."""
+        """Set the attribute ``attr_name`` to ``value``; the ``indices`` must be those of all rows."""
         self._all_rows("set_attr", indices)
         setattr(self.envs.unwrapped, attr_name, value)
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Call a method of the batched environment once; its result for every row."""
+        """Call the method ``method_name`` once with the other arguments; its result for each row.
+
+        Args:
+            method_name: of a wrapper or of the environment.
+            method_args: positional arguments.
+            indices: those of all rows.
+            method_kwargs: keyword arguments.
+        """
         self._all_rows("env_method", indices)
         result = getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)
         return [result for _ in range(self.num_envs)]
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Whether a vector wrapper of this class is around the environment."""
+        """Whether a vector wrapper of ``wrapper_class`` is around the environment, for each of ``indices``."""
         layer: Any = self.envs
         while not isinstance(layer, wrapper_class) and layer is not layer.unwrapped:
             layer = layer.env

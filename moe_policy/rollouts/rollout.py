@@ -181,26 +181,6 @@ def _run(
     return episodes
 
 
-def environments(problem: OptimalControlProblem, count: int, dt: float = 0.02, **arguments: Any) -> Any:
-    """``count`` environments of a registered problem as :func:`rollout` wants them.
-
-    Args:
-        problem: the problem.
-        count: rows of the batch.
-        dt: control period, seconds.
-        arguments: further arguments of :class:`ocp_envs.Env`.
-    """
-    return gym.make_vec(
-        problem.id,
-        num_envs=count,
-        vectorization_mode="vector_entry_point",
-        autoreset_mode=gym.vector.AutoresetMode.DISABLED,
-        terminate_at_goal=False,
-        dt=dt,
-        **arguments,
-    )
-
-
 def rollout(
     envs: gym.vector.VectorEnv[Any, Any, Any],
     policy: Policy,

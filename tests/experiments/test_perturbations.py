@@ -7,7 +7,7 @@ import pytest
 
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.perturbations import Perturbation
-from moe_policy.rollouts.rollout import environments
+from moe_policy.rollouts.environments import environments
 from ocp_envs.envs.options import Settings
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM

@@ -1,86 +1,24 @@
-"""Features, actions, the wrappers made of them, and the adapter to Stable-Baselines3."""
+"""Wrappers of single and of vector environments."""
+
+import contextlib
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 import ocp_envs
-from moe_policy.rl.vec_env import SB3VecEnv
+from moe_policy.rl.features import Features
 from moe_policy.rl.wrappers import (
-    Actions,
     FeatureObservation,
-    Features,
     NormalisedAction,
-    VectorFeatureObservation,
+    RewardShaping,
     VectorNearStarts,
-    VectorNormalisedAction,
     VectorShapedReward,
 )
+from moe_policy.rollouts.environments import environments
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
-
-ENV_ID = "PendulumSwingup-v0"
-CATALOGUE = [*ocp_envs.problems.BENCHMARK]
-
-
-def wrapped(**arguments):
-    return NormalisedAction(FeatureObservation(gym.make(ENV_ID, **arguments)))
-
-
-def wrapped_vector(num_envs, autoreset_mode="Disabled", **arguments):
-    envs = gym.make_vec(ENV_ID, num_envs=num_envs, autoreset_mode=autoreset_mode, **arguments)
-    return VectorNormalisedAction(VectorFeatureObservation(envs))
-
-
-# -- features and actions ----------------------------------------------------------------------------------------------
-
-
-@given(theta=st.floats(-12, 18), omega=st.floats(-6, 6), turns=st.integers(-2, 2))
-def test_features_of_the_pendulum_are_sine_cosine_and_scaled_rate(theta, omega, turns):
-    expected = [np.sin(theta), np.cos(theta), omega / 2.0]
-    features = Features(PENDULUM)
-    np.testing.assert_allclose(features([theta, omega]), expected, atol=1e-6)
-    np.testing.assert_allclose(features([[theta + 2 * np.pi * turns, omega]]), [expected], atol=1e-5)
-
-
-def test_features_scale_states_by_their_size_and_context_by_its_box():
-    problem = QUADCOPTER_OBSTACLE
-    rng = np.random.default_rng(0)
-    state = problem.system.state.draw(rng, 5)
-    context = np.array([[-10.0, 0.0, 10.0, 1.0]] * 4 + [[5.0, 5.0, 5.0, 5.0]])
-    values = Features(problem)(np.hstack([state, context]))
-    assert values.shape == (5, 17)
-    np.testing.assert_allclose(values[:, :2], np.stack([np.sin(state[:, 8]), np.cos(state[:, 8])], 1), atol=1e-6)
-    np.testing.assert_allclose(values[:, 2:5], state[:, :3] / 5, rtol=1e-6)
-    np.testing.assert_allclose(values[:4, -4:], [[-1, 0, 1, -1]] * 4, atol=1e-6)
-    np.testing.assert_allclose(values[4, -4:], [0.5, 0.5, 0.5, 1.0], atol=1e-6)
-
-
-@pytest.mark.parametrize("problem", [*CATALOGUE, QUADCOPTER_OBSTACLE], ids=lambda p: p.id)
-def test_the_feature_space_holds_the_features_of_the_corners_of_the_box(problem):
-    features = Features(problem)
-    for side in ("lower", "upper"):
-        corner = np.concatenate([getattr(problem.system.state, side), getattr(problem.context, side)])
-        assert features.space.contains(features(corner))
-        assert features.space.contains(features(corner.astype(np.float32)))
-
-
-def test_features_refuse_observations_of_another_size():
-    with pytest.raises(ValueError, match=r"expected observations \(\.\.\., 2\), got \(4, 3\)"):
-        Features(PENDULUM)(np.zeros((4, 3)))
-
-
-def test_actions_map_the_ends_and_the_middle_and_clip():
-    actions = Actions(QUADCOPTER_OBSTACLE)
-    np.testing.assert_allclose(actions.controls([-1, 0, 1, 2]), [0, 2, 4, 4])
-    controls = np.random.default_rng(0).uniform(0, 4, (7, 4))
-    np.testing.assert_allclose(actions.controls(actions.actions(controls)), controls, atol=1e-12)
-
-
-# -- wrappers ----------------------------------------------------------------------------------------------------------
+from tests.learners import ENV_ID, wrapped, wrapped_vector
 
 
 def test_the_scalar_wrappers_change_what_is_seen_and_done_and_nothing_else():
@@ -112,95 +50,6 @@ def test_the_vector_wrappers_agree_with_the_scalar_ones_row_by_row():
     assert envs.single_action_space == rows[0].action_space
 
 
-# -- the adapter -------------------------------------------------------------------------------------------------------
-
-
-def swing(observations):
-    """Pump energy into the pendulum: most episodes pass the goal ball's neighbourhood, some reach it."""
-    sine, cosine, rate = observations.T
-    energy = 2 * rate**2 - cosine - 1
-    return np.clip(np.where(cosine < -0.95, -3 * rate + 2 * sine, -2 * energy * np.sign(rate)), -1, 1)[:, None]
-
-
-def test_the_adapter_agrees_with_dummy_vec_env_row_by_row():
-    arguments = {"dt": 0.1, "time_limit": 6.0}
-    ours = VecMonitor(SB3VecEnv(wrapped_vector(6, **arguments)))
-    theirs = VecMonitor(DummyVecEnv([lambda: wrapped(**arguments)] * 6))
-    for env in (ours, theirs):
-        env.seed(11)
-    a, b = ours.reset(), theirs.reset()
-    kinds = set()
-    for _ in range(300):
-        np.testing.assert_array_equal(a, b)
-        actions = swing(a)
-        a, our_rewards, our_dones, our_infos = ours.step(actions)
-        b, their_rewards, their_dones, their_infos = theirs.step(actions)
-        np.testing.assert_array_equal(our_rewards, their_rewards)
-        np.testing.assert_array_equal(our_dones, their_dones)
-        for mine, other in zip(our_infos, their_infos):
-            assert mine.keys() == other.keys()
-            assert mine["TimeLimit.truncated"] == other["TimeLimit.truncated"]
-            assert mine["is_success"] == other["is_success"]
-            assert mine["cost"] == other["cost"]
-            if "terminal_observation" in mine:
-                np.testing.assert_array_equal(mine["terminal_observation"], other["terminal_observation"])
-                assert (mine["episode"]["r"], mine["episode"]["l"]) == (other["episode"]["r"], other["episode"]["l"])
-                kinds.add(mine["TimeLimit.truncated"])
-    assert kinds == {True, False}, "the test must see episodes that end and episodes that are cut off"
-    for mine, other in zip(ours.venv.reset_infos, theirs.venv.reset_infos):
-        np.testing.assert_array_equal(mine["parameters"], other["parameters"])
-
-
-def test_leaving_the_box_is_an_end_with_its_cause():
-    env = SB3VecEnv(wrapped_vector(2, dt=0.1, time_limit=1000.0, terminate_at_goal=False))
-    env.seed(0)
-    env.reset()
-    dones, infos = np.zeros(2, bool), [{}]
-    for _ in range(3000):
-        rate = np.stack(env.get_attr("state"))[:, 1:]
-        _, _, dones, infos = env.step(np.where(rate >= 0, 1.0, -1.0))
-        if dones.any():
-            break
-    row = int(np.flatnonzero(dones)[0])
-    assert infos[row]["failure"] == "left_box"
-    assert not infos[row]["TimeLimit.truncated"]
-
-
-def test_seeds_and_options_are_used_once():
-    env = SB3VecEnv(wrapped_vector(3))
-    p = np.array([[0.5, 0.0], [1.0, 1.0], [2.0, -1.0]])
-    env.set_options([{"parameters": row} for row in p])
-    env.reset()
-    np.testing.assert_array_equal(np.stack(env.get_attr("parameters")), p)
-    env.seed(3)
-    first = env.reset()
-    assert not np.array_equal(env.reset(), first)
-    env.seed(3)
-    np.testing.assert_array_equal(env.reset(), first)
-
-
-def test_attributes_are_read_by_row_and_set_for_all():
-    env = SB3VecEnv(wrapped_vector(3, dt=0.05))
-    env.reset()
-    assert env.get_attr("dt", indices=[0, 2]) == [0.05, 0.05]
-    assert [state.shape for state in env.get_attr("state", indices=1)] == [(2,)]
-    assert env.has_attr("problem")
-    assert not env.has_attr("no_such_thing")
-    assert env.env_is_wrapped(VectorFeatureObservation) == [True] * 3
-    assert env.env_is_wrapped(gym.wrappers.vector.ClipReward, indices=[0]) == [False]
-    env.set_attr("note", "x")
-    assert env.get_attr("note") == ["x"] * 3
-    with pytest.raises(ValueError, match="one batched environment"):
-        env.set_attr("note", "y", indices=[0])
-    assert env.env_method("close_extras") == [None] * 3
-    env.close()
-
-
-def test_an_environment_that_restarts_by_itself_is_refused():
-    with pytest.raises(ValueError, match='autoreset_mode="Disabled"'):
-        SB3VecEnv(gym.make_vec(ENV_ID, num_envs=2))
-
-
 def test_shaping_telescopes_and_scales():
     """Undiscounted, shaped returns of episodes that end differ by the first potential alone."""
     envs = gym.make_vec(
@@ -211,7 +60,7 @@ def test_shaping_telescopes_and_scales():
         autoreset_mode="Disabled",
         time_limit=1.0,
     )
-    shaped = VectorShapedReward(envs, scale=0.5, weight=4.0, gamma=1.0)
+    shaped = VectorShapedReward(envs, RewardShaping(reward_scale=0.5, shaping=4.0, gamma=1.0))
     p = np.array([[3.0, -4.0, 0.0, 0.0], [0.3, 0.0, 0.1, -0.5], [9.0, 9.0, 3.0, 3.0]])
     shaped.reset(options={"parameters": p})
     first = envs.unwrapped.problem.goal_error(envs.unwrapped.state)
@@ -231,7 +80,7 @@ def test_distance_has_its_price():
     rewards = []
     for price in (0.0, 3.0):
         envs = gym.make_vec(ENV_ID, num_envs=2, vectorization_mode="vector_entry_point", autoreset_mode="Disabled")
-        priced = VectorShapedReward(envs, scale=0.5, weight=0.0, gamma=0.99, distance_price=price)
+        priced = VectorShapedReward(envs, RewardShaping(reward_scale=0.5, distance_price=price))
         priced.reset(options={"parameters": np.array([[0.5, 0.0], [3.0, 1.0]])})
         rewards.append(priced.step(np.zeros((2, 1)))[1])
         base = envs.unwrapped
@@ -242,14 +91,14 @@ def test_distance_has_its_price():
 def test_what_one_step_costs_the_learner_can_be_bounded():
     """A pendulum that leaves its box is charged for the rest of the episode; the learner only for as much as is set."""
     rewards = {}
-    for largest in (np.inf, 30.0):
+    for largest in (None, 30.0):
         envs = gym.make_vec(ENV_ID, num_envs=2, vectorization_mode="vector_entry_point", autoreset_mode="Disabled")
-        bounded = VectorShapedReward(envs, scale=0.5, weight=0.0, gamma=0.99, largest_cost=largest)
+        bounded = VectorShapedReward(envs, RewardShaping(reward_scale=0.5, largest_cost=largest))
         leaving = PENDULUM.system.state.upper - [0.01, 1.0]
         bounded.reset(options={"parameters": np.array([[1.0, 0.0], leaving]), "extrapolate": True})
         rewards[largest] = np.array([bounded.step(np.zeros((2, 1)))[1] for _ in range(3)])
-    assert rewards[np.inf].min() < -15.0
-    np.testing.assert_allclose(rewards[30.0], np.maximum(rewards[np.inf], -15.0))
+    assert rewards[None].min() < -15.0
+    np.testing.assert_allclose(rewards[30.0], np.maximum(rewards[None], -15.0))
 
 
 def test_near_starts_lie_between_the_goal_and_the_box():
@@ -257,7 +106,7 @@ def test_near_starts_lie_between_the_goal_and_the_box():
     envs = gym.make_vec(
         "GroundVehicle-v0", num_envs=count, vectorization_mode="vector_entry_point", autoreset_mode="Disabled"
     )
-    near = VectorNearStarts(envs, 0.5, seed=0)
+    near = VectorNearStarts(envs, fraction=0.5, seed=0)
     _, info = near.reset()
     box = envs.unwrapped.problem.parameters
     assert box.contains(info["parameters"]).all()
@@ -293,7 +142,7 @@ def test_violations_are_charged_at_their_price():
     p = np.array([0.0, 4.0, 4.0, 0.0, 4.0, 0.5, 3.4])  # falls into the sphere below
     rewards = []
     for price in (0.0, 50.0):
-        envs = VectorShapedReward(obstacle_envs(1), 0.5, 0.0, 0.99, price)
+        envs = VectorShapedReward(obstacle_envs(1), RewardShaping(reward_scale=0.5, violation_price=price))
         envs.reset(options={"parameters": p[None]})
         charged = []
         for _ in range(20):
@@ -303,3 +152,37 @@ def test_violations_are_charged_at_their_price():
     free, priced = rewards
     assert priced[:, 1].max() > 0.1
     np.testing.assert_allclose(free[:, 0] - priced[:, 0], 0.5 * 50 * 0.02 * priced[:, 1], atol=1e-6)
+
+
+def test_the_goal_error_is_computed_only_where_it_is_paid_for(monkeypatch):
+    def refuse(*_):
+        raise AssertionError("computed")
+
+    monkeypatch.setattr(type(PENDULUM), "goal_error", refuse)
+    for shaping, computed in ((RewardShaping(), False), (RewardShaping(shaping=1.0), True)):
+        envs = VectorShapedReward(environments(PENDULUM, 2, terminate_at_goal=True), shaping)
+        context = pytest.raises(AssertionError, match="computed") if computed else contextlib.nullcontext()
+        with context:
+            envs.reset(seed=0)
+            envs.step(np.zeros((2, 1)))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"reward_scale": 0.0}, "reward_scale must be positive"),
+        ({"shaping": -1.0}, "shaping must be at least 0"),
+        ({"violation_price": float("nan")}, "violation_price must be at least 0"),
+        ({"largest_cost": 0.0}, "largest_cost must be positive or None"),
+        ({"gamma": 1.5}, r"gamma must be in \(0, 1\]"),
+    ],
+)
+def test_a_shaping_out_of_range_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        RewardShaping(**change)
+
+
+@pytest.mark.parametrize("wrapper", [FeatureObservation, NormalisedAction])
+def test_environments_of_others_are_refused(wrapper):
+    with pytest.raises(TypeError, match="expected an environment of ocp_envs, wrapped or not; got PendulumEnv"):
+        wrapper(gym.make("Pendulum-v1"))

@@ -8,7 +8,8 @@ from gymnasium.vector import VectorWrapper
 
 from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
 from moe_policy.protocols import Schedule
-from moe_policy.rollouts.rollout import Episodes, rollout
+from moe_policy.rollouts.episodes import Episodes
+from moe_policy.rollouts.rollout import rollout
 from ocp_envs import Env, VectorEnv
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problems.pendulum import PENDULUM

@@ -21,7 +21,7 @@ from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark.parts import Quick
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning.settings import TrainingSettings
-from moe_policy.rl.training import SACSettings
+from moe_policy.rl.settings import SACSettings
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference

@@ -1,0 +1,142 @@
+"""How a learner is evaluated during training: without noise, on the development parameters, as policies always are.
+
+The actor acts at its own period in environments of the usual control period, and the stabiliser takes over in the goal
+ball. The best evaluation has the lowest
+
+    score = mean over the development parameters of  cost where the episode succeeds,
+                                                      the largest cost rate × time limit where it fails,
+
+and the environment charges the latter at once when the state leaves the operating box. Among evaluations without any
+success the one with the highest mean return is the best.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from moe_policy.control.tracking import Stabilised
+from moe_policy.rl.actor import LearnedPolicy
+from moe_policy.rollouts.environments import environments
+from moe_policy.rollouts.episodes import Episodes
+from moe_policy.rollouts.rollout import rollout
+from ocp_envs.envs.simulation import largest_cost_rate
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Performance:
+    """Metrics of episodes of a learner, or of any other policy.
+
+    Args:
+        success: episodes in the goal ball at the evaluation time.
+        reached: episodes that entered the goal ball.
+        cost: mean ∫L dt up to the goal ball over the successes, ``None`` without any.
+        score: see the module; lower is better.
+        cost_ratio: Σ cost / Σ optimal cost of the same parameters over the successes; ``None`` without any, or where
+            no optimal costs are known. Episodes end at the edge of the goal ball and optimal trajectories in its
+            centre, so the ratio of an optimal policy may be slightly below 1.
+        mean_return: mean over all episodes of the undiscounted return as the environment charges it: −∫L dt up to the
+            goal ball, up to the time limit where that is not entered, and the charge for leaving the box. ``None`` in
+            older records.
+        violation: mean of the largest violation of the path constraints on the path; ``None`` without any.
+        final_error: median of ‖x − goal‖ at the evaluation time, or where the episode left the box; ``None`` in older
+            records.
+    """
+
+    success: int
+    reached: int
+    cost: float | None
+    score: float
+    cost_ratio: float | None = None
+    mean_return: float | None = None
+    violation: float | None = None
+    final_error: float | None = None
+
+    @classmethod
+    def of(cls, problem: OptimalControlProblem, episodes: Episodes, optimal_costs: Array | None = None) -> Performance:
+        """The metrics of ``episodes``.
+
+        Args:
+            problem: the problem they ran on.
+            episodes: B of them.
+            optimal_costs: best known costs from their parameters, (B,).
+        """
+        won, failure = episodes.success, largest_cost_rate(problem) * problem.time_limit
+        ratio = None
+        if optimal_costs is not None and won.any():
+            ratio = float(episodes.cost[won].sum() / optimal_costs[won].sum())
+        return Performance(
+            success=int(won.sum()),
+            reached=int(episodes.reached.sum()),
+            cost=float(episodes.cost[won].mean()) if won.any() else None,
+            score=float(np.where(won, episodes.cost, failure).mean()),
+            cost_ratio=ratio,
+            mean_return=-float(episodes.cost.mean()),
+            violation=float(episodes.violation.mean()) if problem.n_clearances else None,
+            final_error=float(np.median(episodes.final_error)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation(Performance):
+    """The performance of the actor at one time of the training.
+
+    Args:
+        steps: decisions learnt from until then.
+        seconds: wall time of the training until then, earlier evaluations included.
+    """
+
+    steps: int
+    seconds: float
+
+    def better_than(self, other: Evaluation) -> bool:
+        """Whether the score is lower than that of ``other``, or the return higher where the scores are equal."""
+        worst = float("-inf")
+        returns = [worst if e.mean_return is None else e.mean_return for e in (self, other)]
+        return (self.score, -returns[0]) < (other.score, -returns[1])
+
+
+class Evaluator:
+    """Evaluates policies on development parameters.
+
+    Args:
+        problem: the problem.
+        development: parameters (B, np).
+        optimal_costs: the best known cost from each of them, (B,), or ``None``.
+
+    Raises:
+        ValueError: parameters outside their box, or optimal costs that are not B positive numbers.
+    """
+
+    def __init__(
+        self, problem: OptimalControlProblem, development: ArrayLike, optimal_costs: ArrayLike | None = None
+    ) -> None:
+        self.problem = problem
+        self.development = problem.check_parameters(development)
+        self.optimal: Array | None = None
+        if optimal_costs is not None:
+            self.optimal = np.asarray(optimal_costs, dtype=np.float64)
+            if self.optimal.shape != (len(self.development),) or not np.all(self.optimal > 0):
+                raise ValueError(
+                    f"{problem.id}: expected one positive optimal cost for each of {len(self.development)} development "
+                    f"parameters, got {self.optimal.size} of shape {self.optimal.shape}, the smallest "
+                    f"{self.optimal.min(initial=np.inf):.3g}"
+                )
+        self._envs = environments(problem, len(self.development))
+        self._began = time.perf_counter()
+
+    def __call__(self, policy: LearnedPolicy, steps: int) -> Evaluation:
+        """The evaluation of ``policy``, learnt from ``steps`` decisions."""
+        evaluated = Stabilised(policy, self.problem, policy.dt) if self.problem.hold else policy
+        episodes = rollout(self._envs, evaluated, self.development)
+        performance = Performance.of(self.problem, episodes, self.optimal)
+        return Evaluation(steps=steps, seconds=round(time.perf_counter() - self._began, 1), **vars(performance))
+
+    def close(self) -> None:
+        """Close the environments."""
+        self._envs.close()

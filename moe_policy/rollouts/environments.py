@@ -1,0 +1,42 @@
+"""Vector environments as rollouts need them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from ocp_envs.envs.vector_env import VectorEnv
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array
+
+#: A vector environment of :mod:`ocp_envs`, wrapped or not: float32 observations, float64 actions and rewards.
+Environments = gym.vector.VectorEnv[NDArray[np.float32], Array, Array]
+
+
+def environments(problem: OptimalControlProblem, count: int, dt: float = 0.02, **arguments: Any) -> VectorEnv:
+    """``count`` environments that neither restart by themselves nor end at the goal, as ``rollout`` needs them.
+
+    Args:
+        problem: any problem, registered or not.
+        count: episodes that run at once, the rows of the batch.
+        dt: control period, seconds.
+        arguments: further arguments of :class:`ocp_envs.Env`.
+    """
+    chosen = {"terminate_at_goal": False} | arguments
+    return VectorEnv(problem, count, autoreset_mode=AutoresetMode.DISABLED, dt=dt, **chosen)
+
+
+def base_of(envs: Environments) -> VectorEnv:
+    """The vector environment of :mod:`ocp_envs` inside the wrappers of ``envs``.
+
+    Raises:
+        TypeError: there is another one inside.
+    """
+    base = envs.unwrapped
+    if not isinstance(base, VectorEnv):
+        raise TypeError(f"expected a vector environment of ocp_envs, wrapped or not; got {type(base).__name__}")
+    return base
