@@ -18,7 +18,8 @@ import pytest
 import torch
 
 import moe_policy.experiments.diagnosis
-from moe_policy.experiments.diagnosis import Cause, Judgement, counts, explain
+from moe_policy.experiments.diagnosis import explain
+from moe_policy.experiments.failures import Cause, EvaluatedAt, counts
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, MixtureOfExperts, SingleNetwork, Softmax
 from moe_policy.planners.scaling import Standardizer
@@ -204,7 +205,7 @@ def test_a_blend_of_good_experts_is_the_gates_fault():
     assert explain(PROBLEM, planner.with_mixing(ARGMAX), CASES, TRAINING) == []
 
 
-# -- judgement, records, refusals --------------------------------------------------------------------------------------
+# -- evaluation, records, refusals -------------------------------------------------------------------------------------
 
 
 def test_a_plan_that_the_hold_repairs_fails_at_its_end_only():
@@ -220,14 +221,14 @@ def test_records_are_json_and_all_causes_are_counted():
     bad = plans([-4.0])
     bad.states[0, 3, 0] = np.nan
     failures = explain(PROBLEM, mixture(by_side(), (bad, GOOD[1])), samples([-4.0, 1.0], costs=(1.0, np.inf)), TRAINING)
-    (record,) = [failure.record() for failure in failures]
+    (record,) = [failure.to_json() for failure in failures]
     assert json.loads(json.dumps(record, allow_nan=False))["cause"] == "expert"
     assert (record["relative_gap"], record["rejected"]) == (None, True)
     assert counts(failures) == {"tracker": 0, "gate": 0, "data": 0, "expert": 1}
 
 
-def test_the_judgement_of_the_chosen_expert_is_the_mixtures_own(monkeypatch):
-    """On the edge of the ball rounding decides; the same plan cannot fail here and succeed there."""
+def test_the_chosen_expert_fails_where_the_mixture_does(monkeypatch):
+    """On the edge of the ball rounding decides; the same plan cannot both fail and succeed."""
     planner = mixture(by_side(), (plans([-4.0], offset=1.5 * PROBLEM.goal.radius), GOOD[1]))
     success, calls = moe_policy.experiments.diagnosis._Trial.success, []
 
@@ -252,7 +253,7 @@ def test_unusable_arguments_are_named():
         explain(PROBLEM, good, CASES, dataclasses.replace(TRAINING, problem=DOUBLE_INTEGRATOR))
     with pytest.raises(ValueError, match="at least one case and one neighbour, got 0 and 3"):
         explain(PROBLEM, good, CASES[:0], TRAINING)
-    with pytest.raises(ValueError, match="is not a valid Judgement"):
+    with pytest.raises(ValueError, match="is not a valid EvaluatedAt"):
         explain(PROBLEM, good, CASES, TRAINING, at="tomorrow")
 
 
@@ -310,7 +311,7 @@ def test_script_lists_failures_of_a_named_model_and_of_a_file(run, tmp_path, cap
     assert "gate            2" in shown
     assert "1 (6.1–79.2 %) of 3 cases succeed" in shown
     for suffix in ("", ".json", ".safetensors"):
-        name, again = run("--planner", tmp_path / "other" / f"moe-0.1{suffix}", "--at", Judgement.PLAN_END)
+        name, again = run("--planner", tmp_path / "other" / f"moe-0.1{suffix}", "--at", EvaluatedAt.PLAN_END)
         assert name == "failures_TwoSides-v0_moe-0.1_plan-end.json"
         assert again["failures"] == record["failures"]
     name, first = run("--planner", "moe-custom", "--cases", 2)

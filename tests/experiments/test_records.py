@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from moe_policy.experiments.failures import Diagnosis
 from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from moe_policy.experiments.speed.environments import EnvironmentSpeed
@@ -19,6 +20,7 @@ RESULTS = Path(__file__).resolve().parents[2] / "results"
 FILES = sorted(path.name for path in RESULTS.glob("*.json"))
 #: What each file in ``results/`` is, by the pattern of its name; a file has exactly one.
 TYPES: dict[str, type[Record]] = {
+    "failures_*": Diagnosis,
     "benchmark_env.json": EnvironmentSpeed,
     "benchmark_generation_*": GenerationSpeed,
     "benchmark_planning_*": Latency,
@@ -34,7 +36,6 @@ UNTYPED = (
     "compare_training_*",
     "data_[GPQ]*",
     "data_quality_*",
-    "failures_*",
     "generation_*",
     "interruptions_*",
     "margin_*",
