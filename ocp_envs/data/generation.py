@@ -28,8 +28,8 @@ from tqdm import tqdm
 
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError, StoredRows
+from ocp_envs.data.rounds import rounds, tasks
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
-from ocp_envs.data.warm_starts import rounds, tasks
 from ocp_envs.data.worker import Chunk, solve_chunk
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.nlp import Status

@@ -217,6 +217,15 @@ def test_fitted_warm_starts_are_one_a_mode_nearer_than_the_neighbours_and_solve_
     assert found[8][1] < 0.7 * found[0][1]
 
 
+def test_where_solutions_are_too_few_for_a_fit_the_nearest_are_taken_as_they_are(tmp_path, unguarded):
+    """A linear function of two parameters takes three."""
+    p, digests = sample(DOUBLE_INTEGRATOR, 7, 40), set()
+    for fit in (0, 2):
+        settings = dataclasses.replace(SMALL, fit=fit)
+        digests.add(generate(DOUBLE_INTEGRATOR, tmp_path / f"{fit}", p, executor=InProcess(), settings=settings).digest())
+    assert len(digests) == 1
+
+
 def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monkeypatch):
     """Too little time for any swing-up from the bottom: nothing is dropped, nothing invented."""
     hurried = dataclasses.replace(PENDULUM, duration=(0.1, 0.2))

@@ -1,0 +1,58 @@
+"""Rounds: which chunks are solved together, from what earlier rounds found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cloudpickle
+import numpy as np
+
+from ocp_envs.data.database import Database
+from ocp_envs.data.settings import GenerationSettings
+from ocp_envs.data.warm_starts import Library
+from ocp_envs.data.worker import PATIENCE, Chunk
+
+
+def rounds(database: Database, settings: GenerationSettings) -> list[range]:
+    """Chunk numbers of every round: n₀, 2n₀, 4n₀ … instances, in whole chunks.
+
+    Args:
+        database: whose chunks.
+        settings: with n₀ and the size of a chunk.
+    """
+    size = max(1, -(-settings.first // settings.chunk))
+    rounds, begin = [], 0
+    while begin < database.chunks:
+        rounds.append(range(begin, min(begin + size, database.chunks)))
+        begin += size
+        size *= 2
+    return rounds
+
+
+def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: range) -> Iterator[Chunk]:
+    """The tasks of a round that are not done yet.
+
+    Args:
+        database: with the solutions of earlier rounds.
+        settings: how chunks are solved.
+        seed: of the random guesses.
+        chunks: numbers of the chunks of the round.
+    """
+    problem = database.problem
+    payload = cloudpickle.dumps(problem)
+    present = database.present()
+    missing = [number for number in chunks if not present[number]]
+    library = None
+    if missing and chunks.start > 0:
+        library = Library(database, database.stored_rows(chunks.start).start)
+    for number in missing:
+        p = database.stored_parameters(database.stored_rows(number))
+        if library is None:
+            owner, z = np.empty(0, np.int64), np.empty((0, problem.flat_size), np.float32)
+            cold = np.full(len(p), settings.starts)
+        else:
+            owner, z = library.warm_starts(p, settings)
+            # Where no neighbour has a solution, random guesses are all there is.
+            warm = np.isin(np.arange(len(p)), owner)
+            cold = np.where(warm, settings.cold, max(settings.cold, PATIENCE))
+        yield Chunk(number, payload, settings, (seed, number), p, owner, z, cold)
