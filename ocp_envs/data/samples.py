@@ -1,4 +1,4 @@
-"""Solved problem instances in memory: what a database hands out and what learning takes."""
+"""Solved problem instances in memory: what a database returns and what learning takes."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
@@ -22,27 +21,49 @@ class Samples(Batch):
         problem: the problem.
         parameters: (M, np).
         trajectory: M optimal trajectories.
-        mode: the solution family each belongs to, as a row of the problem's mode names, (M,).
+        mode: index of each trajectory's solution family, (M,).
         cost: (M,); NaN where unknown.
         multipliers: of the path constraint at the knots, (M, N, nh); NaN where unknown.
-        mode_costs: best cost of every mode, +inf where no trajectory of it was found, NaN where unknown, (M, modes).
-        index: number of the instance in its database, (M,).
+        mode_costs: best cost of every family, (M, modes); +inf where no trajectory of it was found, NaN where unknown.
+        index: of the instance in its database, (M,).
+
+    Raises:
+        ValueError: numbers of parameters, trajectories and families that differ, or trajectories of another problem.
     """
 
     problem: OptimalControlProblem
     parameters: Array
     trajectory: Trajectory
-    mode: NDArray[np.int64]
+    mode: Ints
     cost: Array
     multipliers: Array
     mode_costs: Array
-    index: NDArray[np.int64]
+    index: Ints
+
+    def __post_init__(self) -> None:
+        count, (states, controls) = len(self.parameters), (self.trajectory.states, self.trajectory.controls)
+        if len(self.trajectory) != count or np.shape(self.mode) != (count,):
+            raise ValueError(
+                f"expected as many trajectories and families as parameters, {count}; got {len(self.trajectory)} "
+                f"trajectories and families of shape {np.shape(self.mode)}"
+            )
+        system, knots = self.problem.system, self.problem.knots
+        if states.shape[1:] != (knots, system.nx) or controls.shape[2] != system.nu:
+            raise ValueError(
+                f"expected trajectories of {self.problem.id} with states ({knots}, {system.nx}) and {system.nu} "
+                f"controls, got {states.shape[1:]} and {controls.shape[2]}"
+            )
 
     @classmethod
-    def of(
-        cls, problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, mode: NDArray[np.int64]
-    ) -> Samples:
-        """Samples whose costs and multipliers are unknown."""
+    def of(cls, problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, mode: Ints) -> Samples:
+        """Samples whose costs and multipliers are unknown; see the class for the arguments.
+
+        Args:
+            problem: the problem.
+            parameters: (M, np).
+            trajectory: M optimal trajectories.
+            mode: (M,).
+        """
         count, modes = len(parameters), len(problem.modes)
         unknown = np.full(count, np.nan)
         multipliers = np.full((count, problem.knots, problem.n_clearances), np.nan)
@@ -51,9 +72,10 @@ class Samples(Batch):
 
 
 class SampleSource(Protocol):
-    """What can hand out samples; ``ocp_envs.Database`` can."""
+    """What returns samples whose trajectories are all finite, such as a :class:`~ocp_envs.data.database.Database`."""
 
-    def samples(self) -> Samples: ...
+    def samples(self) -> Samples:
+        """All samples."""
 
 
 def samples_of(data: Samples | SampleSource) -> Samples:
@@ -61,21 +83,16 @@ def samples_of(data: Samples | SampleSource) -> Samples:
 
     Raises:
         TypeError: neither.
-        ValueError: no samples, disagreeing lengths, or values that are not finite.
+        ValueError: no samples, or values that are not finite.
     """
+    given = isinstance(data, Samples)
     samples = data if isinstance(data, Samples) else data.samples() if hasattr(data, "samples") else None
     if not isinstance(samples, Samples):
         raise TypeError(f"expected a Database or its samples, got {type(data).__name__}")
-    count = len(samples)
-    if count == 0 or len(samples.trajectory) != count or np.shape(samples.mode) != (count,):
-        raise ValueError(
-            f"expected as many trajectories and modes as parameters and at least one; got {count} parameters, "
-            f"{len(samples.trajectory)} trajectories, modes of shape {np.shape(samples.mode)}"
-        )
-    samples.problem.check_parameters(samples.parameters, extrapolate=True)
-    if samples.trajectory[:1].flat().shape[1] != samples.problem.flat_size:
-        raise ValueError(f"the trajectories do not have the layout of {samples.problem.id}")
-    if not samples.trajectory.finite.all():
-        bad = int((~samples.trajectory.finite).sum())
-        raise ValueError(f"{bad} of {count} trajectories are not finite; select solved samples only")
+    if not len(samples):
+        raise ValueError(f"expected at least one sample of {samples.problem.id}, got none; solve some instances first")
+    if given:  # a database has checked its own
+        samples.problem.check_parameters(samples.parameters, extrapolate=True)
+        if bad := int((~samples.trajectory.finite).sum()):
+            raise ValueError(f"{bad} of {len(samples)} trajectories are not finite; select solved samples only")
     return samples

@@ -1,7 +1,8 @@
-"""Records of results: where figures come from, and JSON."""
+"""Where results come from: versions, machine, commit, memory; and JSON files."""
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import importlib.metadata
 import json
@@ -22,7 +23,10 @@ from ocp_envs.support.machine import cpu_model
 
 #: A list without lists, dictionaries or texts in it, over several lines; no text of JSON has a line's end in it.
 _NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*)\n *\]")
-_PACKAGES = ("ocp-moe", "numpy", "scipy", "casadi", "gymnasium", "torch", "scikit-learn", "control", "zarr")
+#: The distribution this package is installed from.
+_DISTRIBUTION = "ocp-moe"
+#: Name of a requirement, and the extra that it belongs to, if any.
+_REQUIREMENT = re.compile(r"([\w.-]+)(?:.*\bextra\s*==\s*['\"]([\w.-]+))?")
 
 
 @dataclass(frozen=True)
@@ -66,12 +70,6 @@ class Provenance:
 
 def provenance() -> Provenance:
     """Versions, machine, date (UTC) and, in a git checkout, the commit a result is made with."""
-    versions = {}
-    for package in (*_PACKAGES, "stable-baselines3"):
-        try:
-            versions[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
     return Provenance(
         date=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         commit=_commit(),
@@ -79,14 +77,29 @@ def provenance() -> Provenance:
         platform=platform.platform(),
         cpu=cpu_model(),
         cores=os.cpu_count(),
-        versions=versions,
+        versions=_versions(),
     )
 
 
-def peak_memory_gb(descendants: bool = False) -> float:
-    """Largest memory so far of this process, or of the largest of its ended descendants, in GB (2³⁰ bytes).
+def _versions() -> dict[str, str]:
+    """Versions of this distribution and of what it requires, development tools excepted; none where not installed."""
+    try:
+        required = importlib.metadata.requires(_DISTRIBUTION) or []
+    except importlib.metadata.PackageNotFoundError:
+        return {}
+    parsed = [match.groups() for each in required if (match := _REQUIREMENT.match(each))]
+    versions = {}
+    for package in (_DISTRIBUTION, *(name for name, extra in parsed if extra != "dev")):
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):  # of an extra that is not installed
+            versions[package] = importlib.metadata.version(package)
+    return versions
 
-    Pages of files that are mapped into memory are counted while they are there.
+
+def peak_memory_gb(descendants: bool = False) -> float:
+    """Peak memory so far in GB (2³⁰ bytes), including the pages in memory of mapped files.
+
+    Args:
+        descendants: of the largest descendant that has ended, instead of this process.
     """
     import resource  # only POSIX has it
 
@@ -129,8 +142,12 @@ def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None
 
     NumPy arrays and numbers become lists and numbers; a list of numbers stands on one line.
 
+    Args:
+        path: of the file; its folder is made.
+        content: what to write.
+
     Raises:
-        TypeError, ValueError: something that JSON cannot hold (NaN and infinity among it); the old file stays.
+        TypeError, ValueError: something that JSON cannot hold, such as NaN or infinity; the old file stays.
     """
     text = json.dumps(content, indent=2, default=_plain, allow_nan=False) + "\n"
     text = _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text)

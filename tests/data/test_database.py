@@ -112,6 +112,14 @@ def test_samples_can_be_sliced(filled):
     assert chosen.problem is samples.problem
 
 
+def test_samples_must_fit_each_other_and_their_problem(filled):
+    samples = filled[0].samples()
+    with pytest.raises(ValueError, match=r"expected as many trajectories .* as parameters, 5; got 9"):
+        replace(samples, parameters=samples.parameters[:5])
+    with pytest.raises(ValueError, match=r"expected trajectories of DoubleIntegrator-v0 with states \(21, 2\)"):
+        replace(samples, problem=DOUBLE_INTEGRATOR)
+
+
 def test_multipliers_of_a_path_constraint_are_kept(tmp_path):
     p = sample(WALLED_INTEGRATOR, 0, 3)
     rows = made_up(WALLED_INTEGRATOR, p)

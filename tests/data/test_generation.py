@@ -222,7 +222,9 @@ def test_where_solutions_are_too_few_for_a_fit_the_nearest_are_taken_as_they_are
     p, digests = sample(DOUBLE_INTEGRATOR, 7, 40), set()
     for fit in (0, 2):
         settings = dataclasses.replace(SMALL, fit=fit)
-        digests.add(generate(DOUBLE_INTEGRATOR, tmp_path / f"{fit}", p, executor=InProcess(), settings=settings).digest())
+        digests.add(
+            generate(DOUBLE_INTEGRATOR, tmp_path / f"{fit}", p, executor=InProcess(), settings=settings).digest()
+        )
     assert len(digests) == 1
 
 

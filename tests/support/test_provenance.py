@@ -1,4 +1,5 @@
 import json
+from importlib.metadata import PackageNotFoundError
 
 import numpy as np
 import pytest
@@ -13,6 +14,25 @@ def test_provenance_is_complete_and_can_be_written(tmp_path):
     write_json(tmp_path / "deep" / "record.json", record.to_json())
     assert json.loads((tmp_path / "deep" / "record.json").read_text()) == record.to_json()
     assert Provenance.from_json(json.loads((tmp_path / "deep" / "record.json").read_text())) == record
+
+
+def test_versions_are_those_of_the_requirements_without_the_tools_of_development(monkeypatch):
+    required = [
+        "numpy>=1.26",
+        "pillow>=10.0; extra == 'plots'",
+        'pytest>=8.0; extra == "dev"',
+        "nothing-like-it; extra == 'rl'",
+    ]
+    monkeypatch.setattr("importlib.metadata.requires", lambda name: required)
+    assert list(provenance().versions) == ["ocp-moe", "numpy", "pillow"]
+
+
+def test_a_package_that_is_not_installed_has_no_versions(monkeypatch):
+    def requires(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr("importlib.metadata.requires", requires)
+    assert provenance().versions == {}
 
 
 def test_another_object_is_no_provenance():
