@@ -14,7 +14,8 @@ from ocp_envs.envs.env import Env
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.goal import Goal, Modes, winding_modes
-from ocp_envs.problem import OptimalControlProblem, OutsideBoxError
+from ocp_envs.parameters import OutsideBoxError
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
 from ocp_envs.problems.description import describe
 from ocp_envs.render.over_time import plot_trajectory

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ocp_envs.support.arrays import Array, Ints, frozen_array
+from ocp_envs.system import System
 from ocp_envs.trajectory import Trajectory
 
 #: (problem, parameters (B, np), B trajectories, multipliers of the clearances at the knots (B, N, nh)) → family of each
@@ -41,6 +42,25 @@ class Goal:
         object.__setattr__(self, "control", frozen_array(self.control))
         if not self.radius > 0:
             raise ValueError(f"the goal's radius must be positive, got {self.radius}")
+
+    def check(self, owner: str, system: System) -> None:
+        """Refuse a system that the goal does not fit.
+
+        Args:
+            owner: the id of the problem, for messages.
+            system: the system.
+
+        Raises:
+            ValueError: other shapes than those of state and control, or a winding of a coordinate without a period.
+        """
+        nx, nu = system.nx, system.nu
+        if self.state.shape != (nx,) or self.control.shape != (nu,) or self.windings.shape[1:] != (nx,):
+            raise ValueError(
+                f"{owner}: expected a goal with state ({nx},), control ({nu},), windings (W, {nx}); "
+                f"got {self.state.shape}, {self.control.shape}, {self.windings.shape}"
+            )
+        if np.any(self.windings[:, system.state.periods == 0]):
+            raise ValueError(f"{owner}: a winding is given for a coordinate without a period")
 
 
 @dataclass(frozen=True, eq=False)

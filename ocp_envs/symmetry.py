@@ -41,6 +41,23 @@ class Symmetry:
                 raise ValueError(f"{self.name}: the matrix of {name} is not its own inverse")
             object.__setattr__(self, name, frozen_array(matrix))
 
+    def check(self, owner: str, nx: int, nu: int, nc: int) -> None:
+        """Refuse a problem of other sizes than those of the matrices.
+
+        Args:
+            owner: the id of the problem, for messages.
+            nx, nu, nc: number of its states, controls and context coordinates.
+
+        Raises:
+            ValueError: other sizes.
+        """
+        sizes = len(self.state), len(self.control), len(self.context)
+        if sizes != (nx, nu, nc):
+            raise ValueError(
+                f"{owner}: expected a symmetry of {nx} states, {nu} controls and {nc} coordinates of the context, "
+                f"got {sizes}"
+            )
+
     def states(self, x: Array) -> Array:
         """X x of states (..., nx)."""
         return np.asarray(x @ self.state.T)

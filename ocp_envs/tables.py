@@ -5,13 +5,16 @@ from __future__ import annotations
 import zipfile
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.files import replacing
+
+if TYPE_CHECKING:
+    from ocp_envs.problem import OptimalControlProblem
 
 FOLDER = Path(__file__).parent / "reference"
 STARTS = "starts"

@@ -30,7 +30,7 @@ from moe_policy.planners.stored import StoredPlans
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
-from ocp_envs.sets.discontinuity import distance_to_jump
+from ocp_envs.sets.discontinuity import discontinuity_of
 from ocp_envs.sets.splits import hard_sets_of
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance, write_json
@@ -89,11 +89,12 @@ def main() -> None:
     rows: dict[str, dict[str, dict[str, Any]]] = {}
     distances: list[Array] = []
     episodes: list[dict[str, Episodes]] = []
+    discontinuity = discontinuity_of(problem)
     for split, name in chosen.items():
         cases = reference.load(problem, name)[: arguments.cases]
         splits[split], rows[split], made = compare(problem, methods, split, cases)
-        if split in BINNED:
-            distances.append(distance_to_jump(problem, cases.parameters, cases.mode_costs))
+        if split in BINNED and discontinuity is not None:
+            distances.append(discontinuity.distance(problem, cases.parameters, cases.mode_costs))
             episodes.append(made)
 
     names = ["optimal", *(method.name for method in methods)]

@@ -21,6 +21,7 @@ from tqdm import tqdm
 
 import ocp_envs
 from ocp_envs import tables
+from ocp_envs.distribution import Blocked
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import free_paths
 from ocp_envs.sets.sampling import sample
@@ -44,15 +45,15 @@ def solve(problem: OptimalControlProblem, parameters: Array, solver: GuardedSolv
 
 def make_paths(problem: OptimalControlProblem, size: int, fresh: int) -> dict[str, Any]:
     """Solve and write the table of paths; its record."""
-    assert problem.free is not None
-    p, others = sample(problem.free, PATHS, size), sample(problem.free, FRESH, fresh)
-    with GuardedSolver(problem.free) as solver:
+    free = free_paths.blocked(problem).free
+    p, others = sample(free, PATHS, size), sample(free, FRESH, fresh)
+    with GuardedSolver(free) as solver:
         solver.start()
         began = time.perf_counter()
         found, solved = solve(problem, p, solver), solve(problem, others, solver)
         seconds = time.perf_counter() - began
     found = found.astype(np.float32).astype(np.float64)
-    table = free_paths.measured(free_paths.PathTable(free_paths.width(problem.free), p, found), others, solved)
+    table = free_paths.measured(free_paths.PathTable(free.parameters.width, p, found), others, solved)
     print(f"wrote {free_paths.ship(problem, table)}; interpolated paths are off by up to {table.error:.2g}")
     paths, difference = table(others)
     errors = free_paths.distance(paths, free_paths.dense(solved))
@@ -88,7 +89,7 @@ def main() -> None:
     arguments = parser.parse_args()
 
     problem = ocp_envs.load(arguments.env)
-    if problem.free is None:
+    if not isinstance(problem.distribution, Blocked):
         raise SystemExit(f"{problem.id} draws its starts uniformly and needs no tables")
     if STARTS in {split.seed for split in splits_of(problem).values()}:
         raise SystemExit(f"seed {STARTS} of the starts is that of a split")

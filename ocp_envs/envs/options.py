@@ -19,7 +19,6 @@ from ocp_envs.problems import UnknownProblemError, load
 from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.clock import count_steps
 from ocp_envs.support.suggestions import did_you_mean
-from ocp_envs.tables import starts
 
 RENDER_MODES = ("rgb_array", "human")
 
@@ -117,15 +116,12 @@ class Settings:
         return gym.spaces.Box(box.lower.astype(np.float32), box.upper.astype(np.float32), dtype=np.float32)
 
     def draw_parameters(self, generator: np.random.Generator) -> Array:
-        """One parameter, (np,): uniform in the box, or where drawing takes an optimiser, from the shipped table.
+        """One parameter from the distribution of the problem, (np,).
 
         Raises:
             TableError: there is no table.
         """
-        if self.problem.free is not None:
-            table = starts(self.problem)
-            return np.array(table[generator.integers(len(table))])
-        return self.problem.parameters.draw(generator, 1)[0]
+        return self.problem.distribution.draw(self.problem, generator)
 
     def check_options(self, options: Mapping[str, Any] | None, *more: str) -> Mapping[str, Any]:
         """``options`` of a reset, which knows ``parameters``, ``extrapolate`` and ``more``, and refuses the rest."""

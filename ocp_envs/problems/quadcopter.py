@@ -32,6 +32,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ocp_envs.distribution import Blocked
 from ocp_envs.goal import Goal, Modes
 from ocp_envs.picture import Ball, Face, Line, Picture, Shape, disc
 from ocp_envs.problem import OptimalControlProblem
@@ -234,7 +235,7 @@ QUADCOPTER_OBSTACLE = OptimalControlProblem(
     longest_substep=LONGEST_SUBSTEP,
     clearance=clearance,
     modes=SIDES,
-    free=QUADCOPTER,
+    distribution=Blocked(free=QUADCOPTER, radius="radius"),
     picture=PICTURE,
     symmetry=half_turn((-1.0, -1.0, 1.0, 1.0)),
 )

@@ -1,15 +1,15 @@
-"""Optimal paths of a problem without its path constraint, on which parameters of the constrained problem are drawn.
+"""Optimal paths of a problem without its path constraint, given which the parameters of its obstacle are drawn.
 
-Parameters of a problem with an obstacle are drawn on condition that the optimal trajectory of the free problem meets
-it. That trajectory is wanted *dense*, not at its knots alone: it is the cubic Hermite interpolant of the knots' states
-x_k with the slopes h f(x_k, u_k), at ``POINTS`` points of every interval (*measured* for the quadcopter: off the
-Runge-Kutta path of the plan by 3 mm at most, 0.15 mm in the median).
+Parameters of a problem with an obstacle are drawn on condition that it blocks the optimal trajectory of the free
+problem. Knots alone do not decide that, so the trajectory is made *dense*: it is the cubic Hermite interpolant of the
+states x_k at the knots with the slopes h f(x_k, u_k), at ``POINTS`` points of every interval. (*Measured* for the
+quadcopter: it deviates from the Runge-Kutta path of the plan by at most 3 mm, 0.15 mm in the median.)
 
-Paths of other parameters are interpolated in a shipped table of solved ones (cubic radial basis functions over the
-nearest, :class:`scipy.interpolate.RBFInterpolator`), and once more in every fourth of them, which tells how smooth the
-paths are there. The table carries what was measured on fresh ones: the largest error, and the largest ratio of the
-error to the difference between the two interpolations. A clearance that is a distance changes by no more than the path
-does, so whoever decides by an interpolated path knows when to ask for the solved one.
+Paths of other parameters are interpolated in a shipped table of solved ones with cubic radial basis functions over the
+nearest (:class:`scipy.interpolate.RBFInterpolator`). A second interpolation, in every fourth path of the table, tells
+how smooth the paths are there. The table carries two values measured on fresh paths: the largest error, and the largest
+ratio of the error to the difference between the two interpolations. A clearance that is a distance changes by no more
+than the path does, so these bounds tell where an interpolated path decides and where the solved one is needed.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,6 +27,7 @@ import numpy as np
 from scipy.interpolate import RBFInterpolator
 
 from ocp_envs import tables
+from ocp_envs.distribution import Blocked
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.solver import GuardedSolver
@@ -35,9 +37,23 @@ from ocp_envs.trajectory import Trajectory
 TABLE = "paths"
 #: Points of the dense path in an interval.
 POINTS = 16
-#: Shares of the longest duration from which the free problem is tried, one after another.
+#: Initial guesses of the duration of the free problem, tried in turn, as fractions of the longest.
 _DURATIONS = (0.4, 0.6, 0.25, 0.8)
 _NEIGHBOURS = 40
+
+
+def blocked(problem: OptimalControlProblem) -> Blocked:
+    """The distribution of ``problem``.
+
+    Raises:
+        ValueError: it is not conditioned on the free optimum being blocked.
+    """
+    if not isinstance(problem.distribution, Blocked):
+        raise ValueError(
+            f"{problem.id}: expected a problem with a free one and an obstacle that blocks its optimum, "
+            f"distribution=Blocked(free, …); got {type(problem.distribution).__name__}"
+        )
+    return problem.distribution
 
 
 @lru_cache(maxsize=32)
@@ -48,17 +64,16 @@ def coordinates(problem: OptimalControlProblem) -> tuple[int, ...]:
 
 
 def spines(problem: OptimalControlProblem, trajectory: Trajectory) -> Array:
-    """What dense paths are made of: values and slopes times h at the knots, (B, N, 2, m).
+    """What dense paths are interpolated from: values, and slopes times h, at the knots, (B, N, 2, m).
 
     Args:
-        problem: the problem with the path constraint, which names the m coordinates.
-        trajectory: B trajectories of ``problem.free``.
+        problem: the problem with the path constraint, which depends on the m coordinates.
+        trajectory: B trajectories of the free problem.
     """
-    assert problem.free is not None
     which, shape = list(coordinates(problem)), trajectory.states.shape
     controls = np.concatenate([trajectory.controls, trajectory.controls[:, -1:]], axis=1)
     x = trajectory.states.reshape(-1, shape[2])
-    rate, _ = problem.free.batch_rate()(x, controls.reshape(len(x), -1), np.empty((len(x), 0)))
+    rate, _ = blocked(problem).free.batch_rate()(x, controls.reshape(len(x), -1), np.empty((len(x), 0)))
     slopes = rate.reshape(shape) * trajectory.step[:, None, None]
     return np.stack([trajectory.states[:, :, which], slopes[:, :, which]], axis=2)
 
@@ -106,30 +121,25 @@ def solve_free(problem: OptimalControlProblem, parameters: Array, solver: Guarde
 
     Args:
         problem: the problem with the path constraint.
-        parameters: of ``problem.free``, (B, np).
-        solver: of ``problem.free``.
+        parameters: of the free problem, (B, np).
+        solver: of the free problem.
 
     Raises:
         RuntimeError: none was found for one of them.
     """
-    free = problem.free
-    assert free is not None
-    open_, found = np.arange(len(parameters)), None
-    for share in _DURATIONS:
-        windings = np.zeros(len(open_), np.int64)
-        line = guesses(free, parameters[open_], windings, np.random.default_rng(0), "line")
-        line = dataclasses.replace(line, duration=np.full(len(open_), share * free.duration[1]))
-        solutions = solver.solve(parameters[open_], line, windings)
-        if found is None:
-            found = solutions.trajectory
-        else:
-            for ours, theirs in zip(vars(found).values(), vars(solutions.trajectory).values()):
-                ours[open_] = theirs
-        open_ = open_[~solutions.solved]
-        if not len(open_):
-            return found
+    free = blocked(problem).free
+    unsolved, flat = np.arange(len(parameters)), np.empty((len(parameters), free.flat_size))
+    for fraction in _DURATIONS:
+        windings = np.zeros(len(unsolved), np.int64)
+        line = guesses(free, parameters[unsolved], windings, np.random.default_rng(0), "line")
+        line = dataclasses.replace(line, duration=np.full(len(unsolved), fraction * free.duration[1]))
+        solutions = solver.solve(parameters[unsolved], line, windings)
+        flat[unsolved] = solutions.trajectory.flat()
+        unsolved = unsolved[~solutions.solved]
+        if not len(unsolved):
+            return free.unflatten(flat)
     raise RuntimeError(
-        f"{free.id}: no optimal trajectory was found for {len(open_)} parameters, {parameters[open_[0]]}"
+        f"{free.id}: no optimal trajectory was found for {len(unsolved)} parameters, such as {parameters[unsolved[0]]}"
     )
 
 
@@ -161,13 +171,13 @@ class PathTable:
         return RBFInterpolator(places, values, **how), RBFInterpolator(places[::4], values[::4], **how)
 
     def __call__(self, parameters: Array) -> tuple[Array, Array]:
-        """Dense paths (B, points, m) of ``parameters`` (B, np), and how far each is interpolated otherwise, (B,)."""
+        """Dense paths (B, points, m) of parameters (B, np), and their distances from the second interpolation, (B,)."""
         shape = len(parameters), *self.spines.shape[1:]
         paths, others = (dense(np.reshape(spline(parameters / self.scale), shape)) for spline in self._splines)
         return paths, distance(paths, others)
 
     def tolerance(self, difference: Array) -> Array:
-        """How far a path may be off the solved one, (B,), given the second result of a call."""
+        """Bound of the distance from the solved path, (B,), given the second result of a call, (B,)."""
         return np.minimum(self.error, self.ratio * difference)
 
 
@@ -179,36 +189,32 @@ def measured(table: PathTable, parameters: Array, solved: Array) -> PathTable:
 
 
 def distance(first: Array, second: Array) -> Array:
-    """Largest distance between points of paths (B, points, m) that belong together, (B,)."""
+    """Largest distance between corresponding points of paths ``first`` and ``second`` (B, points, m), (B,)."""
     return np.asarray(np.linalg.norm(first - second, axis=2).max(axis=1))
-
-
-def width(free: OptimalControlProblem) -> Array:
-    """Width of the parameter box."""
-    return free.parameters.width
 
 
 @lru_cache(maxsize=8)
 def shipped(problem: OptimalControlProblem) -> PathTable | None:
-    """The table of ``problem.free`` in the package; ``None`` where there is none."""
-    free = problem.free
-    assert free is not None
-    if not tables.path_of(free, TABLE).is_file():
+    """The table of the free problem in the package; ``None`` where there is none, or none is to be used."""
+    distribution = blocked(problem)
+    free = distribution.free
+    if not distribution.tabulated or not tables.path_of(free, TABLE).is_file():
         return None
     arrays: dict[str, Any] = tables.load(free, TABLE)
     names = [problem.system.state.names[i] for i in coordinates(problem)]
     if arrays["coordinates"].tolist() != names:
         return None
     spines = np.asarray(arrays["spines"], dtype=np.float64)
-    return PathTable(width(free), arrays["parameters"], spines, float(arrays["error"]), float(arrays["ratio"]))
+    return PathTable(
+        free.parameters.width, arrays["parameters"], spines, float(arrays["error"]), float(arrays["ratio"])
+    )
 
 
-def ship(problem: OptimalControlProblem, table: PathTable) -> Any:
-    """Write ``table`` into the package; the file's path."""
-    assert problem.free is not None
+def ship(problem: OptimalControlProblem, table: PathTable) -> Path:
+    """Write ``table`` into the package, as that of the free problem of ``problem``; the path of the file."""
     names = [problem.system.state.names[i] for i in coordinates(problem)]
     return tables.save(
-        problem.free,
+        blocked(problem).free,
         TABLE,
         parameters=table.parameters,
         spines=table.spines.astype(np.float32),

@@ -21,9 +21,10 @@ from ocp_envs.data.generation import generate
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import off_centre, relative_cost_difference
+from ocp_envs.sets.free_paths import blocked
 from ocp_envs.sets.outside import excess, sample_outside
 from ocp_envs.sets.reference import Reference
-from ocp_envs.sets.sampling import Conditioned, sample
+from ocp_envs.sets.sampling import BlockedDraws, sample
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
@@ -161,10 +162,9 @@ class NearCentre:
 
     def _draw(self, problem: OptimalControlProblem) -> tuple[Array, int]:
         """All that come so close in the first draws, (K, np) with K ≥ size, and the number of these draws."""
-        assert problem.free is not None
         parts: list[Array] = []
         drawn = 0
-        with Conditioned(problem, self.seed) as draw, GuardedSolver(problem.free) as solver:
+        with BlockedDraws(problem, self.seed) as draw, GuardedSolver(blocked(problem).free) as solver:
             while sum(map(len, parts)) < self.size:
                 p = draw(drawn, drawn + self.block)
                 drawn += self.block

@@ -59,11 +59,8 @@ def widened(problem: OptimalControlProblem, share: float) -> OptimalControlProbl
         )
         return Box(tuple(coordinates))
 
-    # Under the names of the problems themselves their tables of paths would be looked up, which end at the box.
-    free = problem.free
-    if free is not None:
-        free = dataclasses.replace(free, id=f"{free.id}-widened", parameters=wider(free.parameters))
-    return dataclasses.replace(problem, id=f"{problem.id}-widened", parameters=wider(problem.parameters), free=free)
+    distribution = problem.distribution.over(wider)
+    return dataclasses.replace(problem, parameters=wider(problem.parameters), distribution=distribution)
 
 
 def sample_outside(

@@ -1,11 +1,11 @@
-"""Parameters: drawn at random, or on a grid.
+"""Parameters of problem instances: a random sample, or a grid.
 
-Where the problem names the problem *free* of its path constraint, parameters are drawn where the constraint matters:
-the parameters of the free problem uniformly, its optimum found, and then the others uniformly until start and goal are
-clear and the optimal path is not (:mod:`ocp_envs.sets.free_paths`). Most draws are decided by a path interpolated in
-the
-shipped table; a parameter for which a draw comes closer to the boundary than the table is accurate is solved, and drawn
-again from its first number, so that the sample is that of the solved paths.
+A sample follows the distribution that the problem declares (:mod:`ocp_envs.distribution`). Where that is conditioned on
+the free optimum being blocked, each row takes three steps. The parameters of the free problem are drawn uniformly, its
+optimal path is found, and the other parameters are drawn uniformly until initial state and goal are clear and the path
+is not. Most draws are decided by a path interpolated in the shipped table (:mod:`ocp_envs.sets.free_paths`). A row with
+a draw closer to the decision than the table is accurate is drawn again from its first random number with the solved
+path, so the sample is the one that solved paths would give.
 """
 
 from __future__ import annotations
@@ -13,48 +13,64 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, singledispatch
 
 import cloudpickle
 import numpy as np
-from numpy.typing import NDArray
 
+from ocp_envs.distribution import Blocked, Distribution, Uniform
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import free_paths
 from ocp_envs.solvers.solver import GuardedSolver
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.pool import WorkerPool
 
 #: Rows of a task.
 _CHUNK = 2_000
-#: Draws at once for one row, the first time; twice as many each time after that.
+#: Number of draws at once for one row, the first time; doubled each time after that, up to the maximum.
 _FIRST_DRAWS, _MOST_DRAWS = 64, 4096
 #: Draws after which a row is given up.
 _PATIENCE = 10**7
 
 
 def sample(problem: OptimalControlProblem, seed: int, n: int, *, workers: int | None = 1) -> Array:
-    """``n`` parameters uniform in the box, (n, np), on the problem's condition; the i-th depends on seed and i alone.
+    """``n`` parameters drawn from the distribution of ``problem``, (n, np); the i-th depends on the seed and i alone.
 
     Args:
         problem: the problem.
-        seed: of the draw.
-        n: how many.
-        workers: processes, where drawing takes an optimiser; ``None`` for one per core.
+        seed: of the draw, at least 0.
+        n: number of parameters, at least 0.
+        workers: number of processes, where drawing needs solutions; ``None`` for one per core.
 
     Raises:
         ValueError: a negative seed or number.
-        RuntimeError: the free problem was not solved, or its path cannot be met.
+        TypeError: a distribution that nothing here can draw from.
+        RuntimeError: the free problem was not solved, or no draw blocks its path.
     """
     if n < 0 or seed < 0:
         raise ValueError(f"expected seed ≥ 0 and n ≥ 0, got {seed} and {n}")
-    if problem.free is None:
-        # Philox is counter-based: the rows of a longer draw begin with those of a shorter one.
-        return problem.parameters.draw(np.random.Generator(np.random.Philox(key=seed)), n)
+    return _sample(problem.distribution, problem, seed, n, workers)
+
+
+@singledispatch
+def _sample(
+    distribution: Distribution, problem: OptimalControlProblem, seed: int, n: int, workers: int | None
+) -> Array:
+    raise TypeError(f"{problem.id}: samples of a {type(distribution).__name__} distribution cannot be drawn")
+
+
+@_sample.register
+def _(distribution: Uniform, problem: OptimalControlProblem, seed: int, n: int, workers: int | None) -> Array:
+    # Philox is counter-based: the rows of a longer draw begin with those of a shorter one.
+    return problem.parameters.draw(np.random.Generator(np.random.Philox(key=seed)), n)
+
+
+@_sample.register
+def _(distribution: Blocked, problem: OptimalControlProblem, seed: int, n: int, workers: int | None) -> Array:
     bounds = [(begin, min(begin + _CHUNK, n)) for begin in range(0, n, _CHUNK)]
     count = min(workers or os.cpu_count() or 1, len(bounds))
     if count <= 1:
-        with Conditioned(problem, seed) as draw:
+        with BlockedDraws(problem, seed) as draw:
             parts = [draw(begin, end) for begin, end in bounds]
     else:
         payload = cloudpickle.dumps(problem)
@@ -65,38 +81,37 @@ def sample(problem: OptimalControlProblem, seed: int, n: int, *, workers: int | 
 
 
 def _draw(payload: bytes, seed: int, begin: int, end: int) -> Array:
-    with Conditioned(cloudpickle.loads(payload), seed) as draw:
+    with BlockedDraws(cloudpickle.loads(payload), seed) as draw:
         return draw(begin, end)
 
 
 @dataclass(frozen=True, eq=False)
-class Conditioned:
-    """Draws of a problem that is free where its path constraint is left out; owns a solver from the first solve on.
+class BlockedDraws:
+    """Draws conditioned on the free optimum being blocked; owns a solver of the free problem once it needs one.
 
     Args:
-        problem: the problem.
+        problem: one with the distribution :class:`~ocp_envs.distribution.Blocked`.
         seed: of the draw.
-        table: paths of the free problem to interpolate in; by default the shipped ones. Without any, all are solved.
+
+    Raises:
+        ValueError: another distribution.
     """
 
     problem: OptimalControlProblem
     seed: int
-    table: free_paths.PathTable | None = None
 
     def __post_init__(self) -> None:
-        if self.table is None:
-            object.__setattr__(self, "table", free_paths.shipped(self.problem))
+        free_paths.blocked(self.problem)
 
     @cached_property
     def _free(self) -> OptimalControlProblem:
-        assert self.problem.free is not None
-        return self.problem.free
+        return free_paths.blocked(self.problem).free
 
     @cached_property
     def _solver(self) -> GuardedSolver:
         return GuardedSolver(self._free)
 
-    def __enter__(self) -> Conditioned:
+    def __enter__(self) -> BlockedDraws:
         return self
 
     def __exit__(self, *exception: object) -> None:
@@ -105,7 +120,7 @@ class Conditioned:
 
     @cached_property
     def _columns(self) -> tuple[list[int], list[int]]:
-        """Columns of p that the free problem has, in its order, and those that it has not."""
+        """Columns of p that are parameters of the free problem, in its order, and the others."""
         names = self.problem.parameters.names
         own = [names.index(name) for name in self._free.parameters.names]
         return own, [i for i in range(len(names)) if i not in own]
@@ -115,15 +130,19 @@ class Conditioned:
         return np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, row + 1]))
 
     def __call__(self, begin: int, end: int) -> Array:
-        """Rows ``begin`` … ``end`` of the sample, (end − begin, np)."""
+        """Rows ``begin`` … ``end`` of the sample, (end − begin, np).
+
+        Raises:
+            RuntimeError: the free problem was not solved, or no draw blocks its path.
+        """
         rows, (own, _) = np.arange(begin, end), self._columns
-        box = self.problem.parameters
+        box, table = self.problem.parameters, free_paths.shipped(self.problem)
         unit = np.array([self._stream(row).random(len(own)) for row in rows.tolist()])
         free = box.lower[own] + unit * box.width[own]
         p, unsure = np.empty((len(rows), len(box))), np.ones(len(rows), bool)
-        if self.table is not None:
-            paths, difference = self.table(free)
-            unsure = ~self._accept(p, np.arange(len(rows)), rows, free, paths, self.table.tolerance(difference))
+        if table is not None:
+            paths, difference = table(free)
+            unsure = ~self._accept(p, np.arange(len(rows)), rows, free, paths, table.tolerance(difference))
         at = np.flatnonzero(unsure)
         if len(at):
             solved = free_paths.solve_free(self.problem, free[at], self._solver)
@@ -131,10 +150,8 @@ class Conditioned:
             self._accept(p, at, rows[at], free[at], paths, np.zeros(len(at)))
         return p
 
-    def _accept(
-        self, p: Array, at: NDArray[np.int64], rows: NDArray[np.int64], free: Array, paths: Array, tolerance: Array
-    ) -> NDArray[np.bool_]:
-        """Write what is accepted into ``p[at]``; whether every decision was further than ``tolerance`` from 0."""
+    def _accept(self, p: Array, at: Ints, rows: Ints, free: Array, paths: Array, tolerance: Array) -> Bools:
+        """Write accepted draws into ``p[at]``; whether every decision was further than ``tolerance`` from 0."""
         sure = np.ones(len(at), bool)
         for i, (place, row) in enumerate(zip(at.tolist(), rows.tolist())):
             found = self._first(row, free[i], paths[i], tolerance[i])
@@ -144,11 +161,11 @@ class Conditioned:
         return sure
 
     def _first(self, row: int, free: Array, path: Array, tolerance: float) -> Array | None:
-        """The first draw of a row that is accepted; ``None`` where one before it is too close to call."""
+        """The first draw of a row that is accepted; ``None`` if one before it is too close to call."""
         problem, (own, others) = self.problem, self._columns
         lower, width = problem.parameters.lower[others], problem.parameters.width[others]
         stream, drawn, count = self._stream(row), 0, _FIRST_DRAWS
-        stream.random(len(own))  # the free problem's
+        stream.random(len(own))  # those of the free problem
         ends = self._ends(free)
         while drawn < _PATIENCE:
             draws = lower + stream.random((count, len(others))) * width
@@ -156,26 +173,28 @@ class Conditioned:
             p[:, own], p[:, others] = free, draws
             contexts = problem.start(p)[1]
             clear = np.flatnonzero((free_paths.clearance_along(problem, ends, contexts) > 0).all(axis=1))
-            least = free_paths.clearance_along(problem, path, contexts[clear]).min(axis=1)
-            met = np.flatnonzero(least < tolerance)
+            smallest = free_paths.clearance_along(problem, path, contexts[clear]).min(axis=1)
+            met = np.flatnonzero(smallest < tolerance)
             if len(met):
-                return None if least[met[0]] > -tolerance else p[clear[met[0]]]
+                return None if smallest[met[0]] > -tolerance else p[clear[met[0]]]
             drawn += count
             count = min(2 * count, _MOST_DRAWS)
-        raise RuntimeError(f"{problem.id}: no draw in {drawn} meets the optimal path of the free problem from {free}")
+        raise RuntimeError(
+            f"{problem.id}: none of {drawn} draws blocks the optimal path of the free problem from {free}"
+        )
 
     def _ends(self, free: Array) -> Array:
-        """Start and goal in the coordinates of the path constraint, (2, m)."""
+        """Initial state and goal in the coordinates of the path constraint, (2, m)."""
         start, _ = self._free.start(free[None])
         return np.concatenate([start, self.problem.goal.state[None]])[:, list(free_paths.coordinates(self.problem))]
 
 
 def grid(problem: OptimalControlProblem, shape: Sequence[int]) -> Array:
-    """The uniform grid over the box with both ends, (prod(shape), np); the last coordinate varies fastest.
+    """The uniform grid over the parameter box with both ends, (prod(shape), np); the last coordinate varies fastest.
 
     Args:
         problem: the problem.
-        shape: points along each coordinate of p, at least 2 each.
+        shape: number of points along each coordinate of p, at least 2 each.
 
     Raises:
         ValueError: another number of coordinates, or fewer than 2 points along one.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.sets.discontinuity import has_jump
+from ocp_envs.sets.discontinuity import EqualCosts, SphereCentre, discontinuity_of
 from ocp_envs.sets.hard_sets import AROUND, HardSet, NearCentre, NearJump, OutsideBox
 from ocp_envs.sets.sampling import grid, sample
 from ocp_envs.support.arrays import Array
@@ -118,8 +118,11 @@ _HARD: dict[str, dict[str, HardSet]] = {
 def hard_sets_of(problem: OptimalControlProblem) -> dict[str, HardSet]:
     """The hard sets of ``problem`` by name: ``outside``, and where its optimum jumps ``boundary``."""
     near: dict[str, HardSet] = {}
-    if has_jump(problem):
-        near = {"boundary": NearJump(_NEAR, 20_000) if problem.free is None else NearCentre(_NEAR)}
+    match discontinuity_of(problem):
+        case SphereCentre():
+            near = {"boundary": NearCentre(_NEAR)}
+        case EqualCosts():
+            near = {"boundary": NearJump(_NEAR, 20_000)}
     return {**near, "outside": OutsideBox(_OUTSIDE), **_HARD.get(problem.id, {})}
 
 

@@ -20,7 +20,7 @@ from ocp_envs.data.generation import generate
 from ocp_envs.data.layout import DatabaseError
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.data.warm_starts import local_fit
-from ocp_envs.problem import OutsideBoxError
+from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
 from ocp_envs.solvers.check import verify

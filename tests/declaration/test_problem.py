@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocp_envs.goal import Goal
-from ocp_envs.problem import OptimalControlProblem, OutsideBoxError
+from ocp_envs.parameters import OutsideBoxError
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import HOVER_THRUST, QUADCOPTER, QUADCOPTER_OBSTACLE
@@ -76,6 +77,15 @@ def test_linearisation_agrees_with_finite_differences(problem):
         np.testing.assert_allclose(
             b[:, :, i], (flow(x, u + e, s, h)[0] - flow(x, u - e, s, h)[0]) / (2 * eps), atol=2e-6
         )
+
+
+def test_fingerprints_are_those_that_databases_and_weights_carry():
+    assert {problem.id: problem.fingerprint for problem in BENCHMARK} == {
+        "PendulumSwingup-v0": "968598df5ecca2ca",
+        "GroundVehicle-v0": "a27dea3719dfe9c1",
+        "Quadcopter-v0": "cb67d9a03a497290",
+        "QuadcopterObstacle-v0": "f78c6601fa8bed00",
+    }
 
 
 @every_problem

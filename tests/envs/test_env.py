@@ -19,7 +19,7 @@ from gymnasium.utils.env_checker import check_env
 import ocp_envs
 from ocp_envs.envs.env import Env
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
-from ocp_envs.problem import OutsideBoxError
+from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 

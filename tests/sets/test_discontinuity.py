@@ -1,13 +1,16 @@
-"""Distances from the jump: gaps by hand, and spheres put where the free path runs."""
+"""Distances from the discontinuity: cost differences by hand, and spheres put where the free path runs."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 
 import ocp_envs
+from ocp_envs.distribution import Blocked
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE
-from ocp_envs.sets.discontinuity import distance_to_jump, has_jump, off_centre, relative_cost_difference
+from ocp_envs.sets.discontinuity import EqualCosts, SphereCentre, discontinuity_of, off_centre, relative_cost_difference
 from ocp_envs.sets.free_paths import solve_free
 from ocp_envs.solvers.solver import GuardedSolver
 from tests.small_problems import DOUBLE_INTEGRATOR
@@ -15,15 +18,16 @@ from tests.small_problems import DOUBLE_INTEGRATOR
 START = np.array([8.0, -6.0, 4.0])
 
 
-def test_the_gap_is_between_the_two_cheapest_modes():
+def test_the_cost_difference_is_that_of_the_two_cheapest_families():
     costs = np.array([[4.0, 2.0, 3.0], [np.inf, 5.0, 5.0], [np.inf, 7.0, np.inf], [np.inf] * 3])
     np.testing.assert_allclose(relative_cost_difference(costs), [0.5, 0.0, np.inf, np.inf])
     np.testing.assert_allclose(relative_cost_difference(np.array([[-1.0, -2.0], [0.0, 1.0]])), [0.5, np.inf])
     np.testing.assert_array_equal(relative_cost_difference(np.ones((3, 1))), np.inf)
-    np.testing.assert_allclose(distance_to_jump(PENDULUM, np.zeros((4, 2)), costs), relative_cost_difference(costs))
+    distance = discontinuity_of(PENDULUM).distance(PENDULUM, np.zeros((4, 2)), costs)
+    np.testing.assert_array_equal(distance, relative_cost_difference(costs))
 
 
-def test_pendulum_and_mirror_image_have_the_same_gap():
+def test_a_pendulum_and_its_mirror_image_have_the_same_cost_difference():
     """Reflected about upright: θ → 2π − θ, ω → −ω."""
     theta, omega = 2.2, 1.4
     here, there = (ocp_envs.solve(PENDULUM, p).modes.cost for p in ([theta, omega], [2 * np.pi - theta, -omega]))
@@ -32,9 +36,14 @@ def test_pendulum_and_mirror_image_have_the_same_gap():
     np.testing.assert_allclose(differences[0], np.diff(np.sort(here))[0] / here.min(), rtol=1e-12)
 
 
-def test_which_problems_jump():
-    jumping = [p.id for p in (PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE, DOUBLE_INTEGRATOR) if has_jump(p)]
-    assert jumping == [PENDULUM.id, VEHICLE.id, QUADCOPTER_OBSTACLE.id]
+def test_which_problems_have_a_discontinuity():
+    problems = PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE, DOUBLE_INTEGRATOR
+    found = [discontinuity_of(problem) for problem in problems]
+    assert found == [EqualCosts(), EqualCosts(), None, SphereCentre(), None]
+    no_sphere = dataclasses.replace(QUADCOPTER_OBSTACLE, distribution=Blocked(QUADCOPTER))
+    assert discontinuity_of(no_sphere) == EqualCosts()
+    with pytest.raises(ValueError, match="expected a problem with a sphere; its distribution names no radius"):
+        off_centre(no_sphere, np.zeros((1, 7)))
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +68,7 @@ def test_spheres_on_the_free_path_and_beside_it(middle, solver, solved):
     if solved:
         found = off_centre(QUADCOPTER_OBSTACLE, p, solver)
     else:
-        found = distance_to_jump(QUADCOPTER_OBSTACLE, p, np.ones((4, 8)))
+        found = discontinuity_of(QUADCOPTER_OBSTACLE).distance(QUADCOPTER_OBSTACLE, p, np.ones((4, 8)))
     # The path is bent: the nearest point is no farther than the knot, and not much nearer.
     assert found[0] < (1e-3 if solved else 0.02)
     assert (found[1:] <= aside[1:] + 0.01).all()
@@ -67,5 +76,5 @@ def test_spheres_on_the_free_path_and_beside_it(middle, solver, solved):
 
 
 def test_only_spheres_have_a_centre():
-    with pytest.raises(ValueError, match="expected a problem with a sphere"):
+    with pytest.raises(ValueError, match="expected a problem with a free one"):
         off_centre(PENDULUM, np.zeros((1, 2)))

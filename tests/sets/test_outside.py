@@ -80,8 +80,8 @@ def test_a_widened_box_changes_nothing_else():
     wide = widened(QUADCOPTER_OBSTACLE, 0.25)
     assert wide.parameters.upper.tolist() == [12.5] * 6 + [5.5]
     assert wide.parameters.lower.tolist() == [-12.5] * 6 + [0.5]
-    assert wide.free is not None
-    assert wide.free.parameters.upper.tolist() == [12.5] * 3
+    assert wide.distribution.free.parameters.upper.tolist() == [12.5] * 3
+    assert wide.id == QUADCOPTER_OBSTACLE.id
     assert wide.system is QUADCOPTER_OBSTACLE.system
     np.testing.assert_array_equal(sample(widened(VEHICLE, 0), 1, 5), sample(VEHICLE, 1, 5))
 

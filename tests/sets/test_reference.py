@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from ocp_envs.data.database import Database
+from ocp_envs.distribution import Uniform
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
@@ -65,7 +66,7 @@ def test_files_of_another_problem_or_none_are_refused(database, tmp_path):
 
 @pytest.mark.parametrize("problem", [*BENCHMARK, DOUBLE_INTEGRATOR], ids=lambda problem: problem.id)
 def test_splits_share_no_parameters(problem):
-    limit = None if problem.free is None else 300  # drawing takes an optimiser
+    limit = None if isinstance(problem.distribution, Uniform) else 300  # drawing takes an optimiser
     drawn = {name: split.parameters(problem, limit) for name, split in splits_of(problem).items()}
     assert set(drawn) == {"training", *reference.SHIPPED}
     for p in drawn.values():
@@ -94,6 +95,6 @@ def test_shipped_files_are_those_of_the_splits(problem, split):
         pytest.skip("not shipped yet")
     shipped = reference.load(problem, split)
     assert len(shipped) == len(split_of(problem, split))
-    drawn = split_of(problem, split).parameters(problem, None if problem.free is None else 300)
+    drawn = split_of(problem, split).parameters(problem, None if isinstance(problem.distribution, Uniform) else 300)
     np.testing.assert_allclose(shipped.parameters[: len(drawn)], drawn, rtol=1e-12)
     assert np.isfinite(shipped.cost).all()

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from ocp_envs import tables
+from ocp_envs.distribution import Blocked, Distribution
 from ocp_envs.envs.env import Env
 from ocp_envs.envs.vector_env import VectorEnv
+from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.sets import free_paths, sampling
+from ocp_envs.sets.outside import sample_outside
 from ocp_envs.sets.sampling import grid, sample
 from ocp_envs.sets.splits import splits_of
 from ocp_envs.solvers.guesses import guesses
@@ -25,11 +28,66 @@ from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
 ROWS = 60
+#: The first row of a sample with seed 5, of a draw from outside the box with seed 5, and of a reset with seed 3.
+RECORDED = {
+    "PendulumSwingup-v0": (
+        [4.610261806452186, 0.362082578290837],
+        [5.3278519057050575, -2.202882060866429],
+        [0.5381495885689892, -1.0527579736156012],
+    ),
+    "GroundVehicle-v0": (
+        [4.674919108892725, 1.8104128914541846, -1.8358905709213134, -0.35114882864300956],
+        [8.698849171363364, -11.014410304332145, -2.5201791145459826, 2.019137242646435],
+        [-8.287016657127513, -5.263789868078006, 1.8929632932132208, 0.5094046235990803],
+    ),
+    "Quadcopter-v0": (
+        [4.674919108892725, 1.8104128914541846, -5.843821186758578],
+        [-11.014410304332145, -10.027474088923727, 6.5133459440207595],
+        [-8.287016657127513, -5.263789868078006, 6.025489304127937],
+    ),
+    "QuadcopterObstacle-v0": (
+        [
+            7.9303295673031435,
+            1.0993374680563779,
+            9.913497440215085,
+            7.033067607152699,
+            0.7436551304005707,
+            5.789286394680044,
+            2.359827736257148,
+        ],
+        [
+            9.912911959128927,
+            1.3741718350704737,
+            12.39187180026886,
+            8.791334508940874,
+            0.9295689130007148,
+            7.236607993350056,
+            2.199784670321435,
+        ],
+        [
+            -4.518065845899835,
+            6.79567910339345,
+            -6.691911403808253,
+            -0.053510152500583885,
+            0.20072213891820745,
+            -3.476898824520287,
+            2.4018967527417003,
+        ],
+    ),
+}
 
 
 def test_a_sample_depends_on_seed_and_index_alone():
     np.testing.assert_array_equal(sample(PENDULUM, 5, 100)[:7], sample(PENDULUM, 5, 7))
     assert not np.allclose(sample(PENDULUM, 5, 7), sample(PENDULUM, 6, 7))
+
+
+@pytest.mark.parametrize("problem", BENCHMARK, ids=lambda problem: problem.id)
+def test_draws_are_those_of_the_shipped_sets_for_ever(problem):
+    drawn, outside, reset = RECORDED[problem.id]
+    np.testing.assert_allclose(sample(problem, 5, 1)[0], drawn, rtol=1e-12)
+    np.testing.assert_allclose(sample_outside(problem, 5, 1, (0.1, 0.25))[0], outside, rtol=1e-12)
+    np.testing.assert_allclose(Env(problem).reset(seed=3)[1]["parameters"], reset, rtol=1e-12)
 
 
 def test_samples_are_uniform_on_the_box():
@@ -143,7 +201,7 @@ def test_what_the_free_problem_does_not_name_is_uniform_where_it_is_accepted():
         id="Walled-and-free",
         parameters=Box((*start.coordinates, WALLED_INTEGRATOR.parameters.coordinates[1])),
         clearance=lambda x, s, c: [((x[0] - s.wall) ** 2) ** 0.5 - 0.1],
-        free=dataclasses.replace(DOUBLE_INTEGRATOR, parameters=start),
+        distribution=Blocked(dataclasses.replace(DOUBLE_INTEGRATOR, parameters=start)),
     )
     x, wall = sample(problem, 3, 300).T
     share = (wall - 0.1) / (x - 0.2)
@@ -180,12 +238,39 @@ def test_what_was_not_solved_is_tried_again(drawn):
 
 @pytest.mark.parametrize(
     "change",
-    [{"clearance": None}, {"free": PENDULUM}, {"free": QUADCOPTER_OBSTACLE, "parameters": QUADCOPTER.parameters}],
+    [
+        {"clearance": None},
+        {"distribution": Blocked(PENDULUM)},
+        {"distribution": Blocked(QUADCOPTER_OBSTACLE), "parameters": QUADCOPTER.parameters},
+    ],
     ids=["nothing to be free of", "another system", "more parameters"],
 )
 def test_a_free_problem_must_fit(change):
     with pytest.raises(ValueError, match="free must be this problem without its path constraint"):
         dataclasses.replace(QUADCOPTER_OBSTACLE, **change)
+
+
+def test_the_radius_must_be_a_coordinate_of_the_context():
+    with pytest.raises(ValueError, match=r"radius of the obstacle must be .* \['cx', 'cy', 'cz', 'radius'\], got 'x'"):
+        dataclasses.replace(QUADCOPTER_OBSTACLE, distribution=Blocked(QUADCOPTER, radius="x"))
+
+
+def test_a_distribution_that_is_not_known_cannot_be_sampled():
+    class Corner(Distribution):
+        def check(self, problem):
+            pass
+
+        def draw(self, problem, rng):
+            return problem.parameters.lower
+
+        def over(self, change):
+            return self
+
+    problem = dataclasses.replace(PENDULUM, distribution=Corner())
+    _, info = Env(problem).reset()
+    np.testing.assert_array_equal(info["parameters"], PENDULUM.parameters.lower)
+    with pytest.raises(TypeError, match="samples of a Corner distribution cannot be drawn"):
+        sample(problem, 0, 3)
 
 
 # -- the table of starts -----------------------------------------------------------------------------------------------

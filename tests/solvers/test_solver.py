@@ -6,7 +6,8 @@ from scipy.optimize import minimize_scalar
 
 import ocp_envs.solvers.compilation
 from ocp_envs.goal import Goal
-from ocp_envs.problem import OptimalControlProblem, OutsideBoxError
+from ocp_envs.parameters import OutsideBoxError
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.solvers.check import verify

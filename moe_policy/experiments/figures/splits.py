@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from moe_policy.experiments.figures.style import looks, save_figure
 from moe_policy.experiments.splits import SPLITS, metrics_of
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets.discontinuity import discontinuity_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
 Record = Mapping[str, Any]
 
 _MARKERS = dict(zip(SPLITS, "oDs"))
-_GAP = "(second best − best) / best cost of the modes"
-_OFF_CENTRE = "distance of the free path from the centre, radii"
 
 
 def splits_figure(path: str | os.PathLike[str], problem: OptimalControlProblem, record: Record) -> Path:
@@ -37,6 +36,7 @@ def splits_figure(path: str | os.PathLike[str], problem: OptimalControlProblem, 
         record: of scripts/compare_splits.py.
     """
     labels, jump = metrics_of(problem), record.get("curves") is not None
+    discontinuity = discontinuity_of(problem)
     names = [row["name"] for row in record["rows"]]
     styles = looks(names)
 
@@ -45,7 +45,7 @@ def splits_figure(path: str | os.PathLike[str], problem: OptimalControlProblem, 
         for row, (metric, label) in zip(panels, labels.items()):
             if jump:
                 draw_curves(row[0], record["curves"], metric, styles)
-                row[0].set(xlabel=_OFF_CENTRE if problem.free is not None else _GAP, ylabel=label)
+                row[0].set(xlabel=discontinuity.label if discontinuity else "", ylabel=label)
             draw_splits(row[-1], record["rows"], metric, styles)
             row[-1].set_xlabel(label)
         _legends(figure, panels)

@@ -1,0 +1,88 @@
+"""The parameter p of a problem, and the initial state and context that it stands for.
+
+A component of p that carries the name of a state coordinate is the initial value of that coordinate. Every other
+component belongs to the *context* s, which is constant over an episode. State coordinates that p does not name begin at
+a fixed value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.system import Box
+
+BOX_TOLERANCE = 1e-6
+
+
+class OutsideBoxError(ValueError):
+    """A parameter lies outside the parameter box."""
+
+
+@dataclass(frozen=True, eq=False)
+class Parametrisation:
+    """The map between p and (x_0, s).
+
+    Args:
+        owner: the id of the problem, for messages.
+        box: of p.
+        states: names of the state coordinates.
+        rest: initial values of the state coordinates that p does not name, (nx,).
+    """
+
+    owner: str
+    box: Box
+    states: tuple[str, ...]
+    rest: Array
+
+    @cached_property
+    def context(self) -> Box:
+        """Coordinates of s."""
+        return Box(tuple(c for c in self.box.coordinates if c.name not in self.states))
+
+    @cached_property
+    def _slots(self) -> tuple[Ints, Ints, Ints]:
+        """Components of p that are initial values, the state coordinates they belong to, and components of s."""
+        in_state = [i for i, name in enumerate(self.box.names) if name in self.states]
+        slots = [self.states.index(self.box.names[i]) for i in in_state]
+        in_context = [i for i, name in enumerate(self.box.names) if name not in self.states]
+        return np.array(in_state, np.int64), np.array(slots, np.int64), np.array(in_context, np.int64)
+
+    def start(self, p: Array) -> tuple[Array, Array]:
+        """Initial states (B, nx) and contexts (B, nc) of parameters (B, np)."""
+        in_state, slots, in_context = self._slots
+        states = np.tile(self.rest, (len(p), 1))
+        states[:, slots] = p[:, in_state]
+        return states, np.ascontiguousarray(p[:, in_context])
+
+    def parameters_of(self, states: Array, contexts: Array) -> Array:
+        """Parameters (B, np) with the initial states ``states`` (B, nx) and the contexts ``contexts`` (B, nc)."""
+        in_state, slots, in_context = self._slots
+        p = np.empty((len(states), len(self.box)))
+        p[:, in_state] = states[:, slots]
+        p[:, in_context] = contexts
+        return p
+
+    def check(self, p: ArrayLike, extrapolate: bool) -> Array:
+        """``p`` as a float64 array (B, np); see :meth:`OptimalControlProblem.check_parameters`."""
+        array = np.array(p, dtype=np.float64, ndmin=2)
+        if array.ndim != 2 or array.shape[1] != len(self.box):
+            raise ValueError(
+                f"{self.owner}: expected parameters ({', '.join(self.box.names)}) of shape "
+                f"(B, {len(self.box)}) or ({len(self.box)},), got {np.shape(p)}"
+            )
+        if not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
+            raise ValueError(f"{self.owner}: parameters must be finite; row {row} is {array[row]}")
+        outside = ~self.box.contains(array, BOX_TOLERANCE)
+        if outside.any() and not extrapolate:
+            row = int(np.flatnonzero(outside)[0])
+            raise OutsideBoxError(
+                f"{self.owner}: parameters {array[row]} (row {row}, {int(outside.sum())} of {len(array)} rows) lie "
+                f"outside the box {self.box.lower} … {self.box.upper}; pass extrapolate=True to accept them"
+            )
+        return array
