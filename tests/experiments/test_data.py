@@ -13,7 +13,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from moe_policy.experiments.data import accuracy_of, contents, data_figure
+from moe_policy.experiments.data import accuracy_of, contents
+from moe_policy.experiments.figures.data import data_figure
 from moe_policy.experiments.figures.style import COLORS, STYLE
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import StoredRows
@@ -88,8 +89,8 @@ def test_statistics_are_those_of_the_problems_that_are_there(tmp_path, monkeypat
     held = contents(database)
     there = [0, 1, 2, 4, 5]
     assert held.size == 6
-    assert held.totals == database.totals()
-    assert (held.totals["problems"], held.totals["solved"], held.totals["iterations"]) == (5, 4, 12)
+    assert held.totals.to_json() == database.totals()
+    assert (held.totals.problems, held.totals.solved, held.totals.iterations) == (5, 4, 12)
     assert {kind: count for kind, count in held.unsolved.items() if count} == {"TIMED_OUT": 1}
     np.testing.assert_array_equal(held.modes_found, [1, 1, 2, 1])
     np.testing.assert_array_equal(held.found, HAVE[there].sum(axis=0))
@@ -97,7 +98,7 @@ def test_statistics_are_those_of_the_problems_that_are_there(tmp_path, monkeypat
     np.testing.assert_array_equal(held.best, np.bincount(winners, minlength=3))
     assert held.best.max() < 4  # the winners differ
     lowest = np.sort(cost[[0, 1, 2]], axis=1)  # of the problems with two modes or more
-    np.testing.assert_allclose(np.sort(held.gaps), np.sort(lowest[:, 1] / lowest[:, 0] - 1))
+    np.testing.assert_allclose(np.sort(held.differences), np.sort(lowest[:, 1] / lowest[:, 0] - 1))
     assert held.bytes == sum(path.stat().st_size for path in database.path.rglob("*") if path.is_file())
     assert (held.trajectories, held.failing, held.misfiled) == (8, 0, 0)
 
@@ -144,27 +145,27 @@ def test_kinds_of_failures_are_known_only_where_there_are_none(tmp_path):
     some, _ = made_by_hand(tmp_path / "some.zarr", failures=(2, 0, 1, 9, 0, 3), fallbacks=(1, 2, 0, 9, 0, 4))
     held = contents(some)
     assert held.failures_by_kind is None
-    assert (held.totals["failures"], held.killed_at_most) == (6, 1 + 0 + 0 + 0 + 3)
+    assert (held.totals.failures, held.killed_at_most) == (6, 1 + 0 + 0 + 0 + 3)
 
 
 def test_the_record_of_a_database(tmp_path):
     database, _ = made_by_hand(tmp_path / "d.zarr", interrupted=False)
     held = contents(database)
-    record = json.loads(json.dumps(held.record() | {"modes_found": held.modes_found.tolist()}, allow_nan=False))
+    record = json.loads(json.dumps(held.report(None, database.settings).to_json(), allow_nan=False))
     assert (record["problems"], record["size"], record["solves_per_problem"]) == (6, 6, 4)
     assert [row["mode"] for row in record["classes"]] == ["quick", "medium", "slow"]
     assert sum(row["share"] for row in record["classes"]) == pytest.approx(1)
     assert record["gap"]["problems"] == 4
-    assert record["gap"]["quantiles"]["0.5"] == pytest.approx(np.median(held.gaps))
-    close = dataclasses.replace(held, gaps=np.array([0.0, 0.002, 0.02, 0.03])).record()["gap"]["share_below"]
-    assert close == {"0.001": 0.25, "0.01": 0.5, "0.03": 0.75}
+    assert record["gap"]["quantiles"]["0.5"] == pytest.approx(np.median(held.differences))
+    close = dataclasses.replace(held, differences=np.array([0.0, 0.002, 0.02, 0.03])).report(None, {}).differences
+    assert close.share_below == {"0.001": 0.25, "0.01": 0.5, "0.03": 0.75}
 
 
 def test_a_database_with_nothing_in_it(tmp_path):
     database = Database.create(tmp_path / "d.zarr", INTEGRATOR, sample(INTEGRATOR, 0, 3))
     held = contents(database)
-    assert held.totals["problems"] == held.trajectories == held.modes_found.sum() == 0
-    assert held.record()["gap"]["quantiles"] is None
+    assert held.totals.problems == held.trajectories == held.modes_found.sum() == 0
+    assert held.report(None, database.settings).differences.quantiles is None
     assert accuracy_of(database, 3) is None
     assert data_figure(tmp_path / "empty.png", {"training": (held, None)}).exists()
 
@@ -319,7 +320,7 @@ def script(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     monkeypatch.delitem(sys.modules, "report_data", raising=False)
     module = importlib.import_module("report_data")
-    monkeypatch.setattr(module.ocp_envs, "load", lambda name: INTEGRATOR)
+    monkeypatch.setattr("ocp_envs.load", lambda name: INTEGRATOR)
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["report_data", *map(str, arguments)])
@@ -348,8 +349,8 @@ def test_the_script_reports_what_is_there(script, tmp_path, capsys):
     assert training["settings"] == {"margin": 0.1}
     assert training["accuracy"]["open_loop"]["scaled"]["largest"] < 1e-10
     lines = {line.split("  ")[0]: line for line in capsys.readouterr().out.splitlines()}
-    assert lines["problems"].split()[1:] == ["5", "of", "6", "6", "of", "6"]
-    assert " ".join(lines["problems with 0 / 1 / … modes"].split()[8:]) == "1 / 1 / 2 / 1 1 / 1 / 2 / 2"
+    assert lines["instances"].split()[1:] == ["5", "of", "6", "6", "of", "6"]
+    assert " ".join(lines["instances with 0 / 1 / … families"].split()[8:]) == "1 / 1 / 2 / 1 1 / 1 / 2 / 2"
     assert lines["… not converged / timed out / crashed / check failed"].endswith("0 / 0 / 0 / 0")
     assert "not stored" in lines["… not converged / timed out / crashed / check failed"]
     script(*arguments, "--splits", "validation")

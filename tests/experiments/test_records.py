@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.failures import Diagnosis
 from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
@@ -20,6 +21,7 @@ RESULTS = Path(__file__).resolve().parents[2] / "results"
 FILES = sorted(path.name for path in RESULTS.glob("*.json"))
 #: What each file in ``results/`` is, by the pattern of its name; a file has exactly one.
 TYPES: dict[str, type[Record]] = {
+    "data_[GPQ]*": DataReport,
     "failures_*": Diagnosis,
     "benchmark_env.json": EnvironmentSpeed,
     "benchmark_generation_*": GenerationSpeed,
@@ -34,7 +36,6 @@ UNTYPED = (
     "compare_splits_*",
     "compare_trained_*",
     "compare_training_*",
-    "data_[GPQ]*",
     "data_quality_*",
     "generation_*",
     "interruptions_*",
