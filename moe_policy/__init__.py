@@ -26,7 +26,9 @@ _HOME = {
     "moe_policy.rollouts.environments": ("environments",),
     "moe_policy.rollouts.episodes": ("Episodes",),
     "moe_policy.rollouts.rollout": ("rollout",),
-    "moe_policy.control.tracking": ("Stabilised", "Stabiliser", "TrackingPolicy"),
+    "moe_policy.control.stabiliser": ("Stabilised", "Stabiliser"),
+    "moe_policy.control.tracking": ("TrackingPolicy",),
+    "moe_policy.control.weights": ("TrackingWeights",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
 
@@ -36,7 +37,7 @@ class Policy(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Schedule:
+class Schedule(Batch):
     """What a planning policy tells about a batch of episodes before they run; all arrays are (B,).
 
     Args:

@@ -39,7 +39,7 @@ READERS = {
 #: What needs no file: problem → planner or policy.
 ALWAYS = {
     "optimal": ("moe_policy.planners.solver", "with_shipped_samples"),
-    "stabiliser": ("moe_policy.control.tracking", "Stabiliser"),
+    "stabiliser": ("moe_policy.control.stabiliser", "Stabiliser"),
 }
 
 

@@ -21,7 +21,7 @@ from typing import Any
 import torch
 
 import ocp_envs
-from moe_policy.control.lqr import TrackingWeights
+from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, run
 from moe_policy.experiments.methods import Method

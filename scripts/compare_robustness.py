@@ -30,7 +30,7 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy import store
-from moe_policy.control.lqr import TrackingWeights
+from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures.robustness import robustness_figure
 from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser

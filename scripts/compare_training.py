@@ -29,7 +29,7 @@ import torch
 from tqdm import tqdm
 
 import ocp_envs
-from moe_policy.control.lqr import TrackingWeights
+from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.benchmark.parts import Benchmark
 from moe_policy.experiments.benchmark.published import Published

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from moe_policy.control.lqr import TrackingWeights
+from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.figures.comparison import Outcome
 from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import Method

@@ -17,8 +17,9 @@ import numpy as np
 from tqdm import tqdm
 
 from moe_policy import store
-from moe_policy.control.lqr import TrackingWeights
-from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
+from moe_policy.control.stabiliser import Stabilised, Stabiliser
+from moe_policy.control.tracking import TrackingPolicy
+from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner

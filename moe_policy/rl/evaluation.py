@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from moe_policy.control.tracking import Stabilised
+from moe_policy.control.stabiliser import Stabilised
 from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.episodes import Episodes

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
+from moe_policy.control.stabiliser import Stabilised, Stabiliser
+from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments import comparison
 from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS
 from moe_policy.experiments.methods import Method

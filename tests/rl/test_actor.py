@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from moe_policy import store
-from moe_policy.control.tracking import Stabilised
+from moe_policy.control.stabiliser import Stabilised
 from moe_policy.rl.actor import Actor, LearnedPolicy
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problems.pendulum import PENDULUM

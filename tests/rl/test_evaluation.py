@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from moe_policy.control.tracking import Stabilised
+from moe_policy.control.stabiliser import Stabilised
 from moe_policy.rl.evaluation import Performance
 from moe_policy.rl.training import train
 from moe_policy.rollouts.rollout import rollout

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 import ocp_envs
-from moe_policy.control.tracking import Stabilised
+from moe_policy.control.stabiliser import Stabilised
 from moe_policy.rl.settings import PPOSettings, SACSettings
 from moe_policy.rl.training import train
 from moe_policy.rollouts.rollout import rollout

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import ocp_envs
-from moe_policy.control.tracking import Stabiliser
+from moe_policy.control.stabiliser import Stabiliser
 from moe_policy.rollouts.environments import base_of, environments
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problems.pendulum import PENDULUM

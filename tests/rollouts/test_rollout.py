@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import VectorWrapper
 
-from moe_policy.control.tracking import Stabilised, Stabiliser, TrackingPolicy
+from moe_policy.control.stabiliser import Stabilised, Stabiliser
+from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.protocols import Schedule
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout

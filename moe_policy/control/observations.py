@@ -1,0 +1,47 @@
+"""Observations of the environments, taken apart by policies."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, Bools
+
+
+def split(problem: OptimalControlProblem, observation: ArrayLike) -> tuple[Array, Array]:
+    """States and contexts of observations.
+
+    Args:
+        problem: the problem of the environment.
+        observation: (B, nx + nc) or (nx + nc,).
+
+    Returns:
+        States (B, nx) and contexts (B, nc).
+
+    Raises:
+        ValueError: observations of another shape.
+    """
+    values = np.atleast_2d(np.asarray(observation, dtype=np.float64))
+    nx, nc = problem.system.nx, len(problem.context)
+    if values.ndim != 2 or values.shape[1] != nx + nc:
+        raise ValueError(
+            f"{problem.id}: expected observations (state, context) of shape (B, {nx + nc}) or ({nx + nc},), "
+            f"got {np.shape(observation)}"
+        )
+    return values[:, :nx], values[:, nx:]
+
+
+def beginning(episode_start: ArrayLike | None, size: int) -> Bools:
+    """Mask (size,) of the rows in which an episode begins.
+
+    Args:
+        episode_start: (size,), one flag for all rows, or ``None`` where none begins.
+        size: number of rows B.
+    """
+    return np.zeros(size, bool) if episode_start is None else np.broadcast_to(np.asarray(episode_start, bool), size)
+
+
+def shaped_as(observation: ArrayLike, controls: Array) -> Array:
+    """``controls`` (B, nu), or (nu,) for a single ``observation`` (nx + nc,)."""
+    return controls[0] if np.ndim(observation) == 1 else controls
