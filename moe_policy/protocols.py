@@ -1,28 +1,29 @@
-"""The seams: what makes plans, what acts, and what a policy tells about its own schedule."""
+"""What planners and policies have in common, and what a policy says about its own schedule."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
 
 class Planner(Protocol):
-    """Whatever makes plans: parameters (B, np) → Trajectory of B plans; a plan that failed holds NaN."""
+    """A planner maps parameters to plans."""
 
-    def __call__(self, parameters: Array, /) -> Trajectory: ...
+    def __call__(self, parameters: Array, /) -> Trajectory:
+        """The plans of parameters (B, np), B of them; NaN where planning failed."""
+        ...
 
 
+@runtime_checkable
 class Policy(Protocol):
-    """Whatever acts, with the signature of Stable-Baselines3.
+    """A policy maps observations to controls, with the signature of Stable-Baselines3.
 
-    A policy made for one control period says so in an attribute ``dt``, in seconds.
+    ``isinstance(model, Policy)`` tells policies from planners. A policy made for one control period has it as its
+    attribute ``dt``, in seconds.
     """
 
     def predict(
@@ -32,37 +33,57 @@ class Policy(Protocol):
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Any, Any]:
-        """Actions of a batch (or of one) of observations, and the recurrent state to hand back next time."""
+        """The controls of one control step.
+
+        Args:
+            observation: one observation, or a batch of B.
+            state: the recurrent state that the last call returned; ``None`` at first.
+            episode_start: whether each episode of the batch starts now, (B,).
+            deterministic: whether the policy's mean control is taken rather than a random one.
+
+        Returns:
+            Controls, and the recurrent state for the next call.
+        """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Schedule(Batch):
-    """What a planning policy tells about a batch of episodes before they run; all arrays are (B,).
+    """The schedule of a batch of B planned episodes, known before they run; all arrays are (B,).
 
     Args:
-        plan_end: seconds from the start to the tick at which the plan ends; 0 for a rejected plan.
-        judging: seconds from the start to the time at which success is judged.
-        knot_step: seconds between the knots of the plan, NaN for a rejected plan.
+        plan_end: time of the control step at which the plan ends, seconds; 0 for a rejected plan.
+        judging: evaluation time, at which success is decided, seconds.
+        knot_step: time between the knots of the plan, seconds; NaN for a rejected plan.
         clipped: whether the plan's duration was outside its bounds and was clipped.
-        rejected: whether the plan was not finite, so that the goal is held from the start.
+        rejected: whether the plan was not finite, so that the policy regulates to the goal from the beginning.
     """
 
     plan_end: Array
     judging: Array
     knot_step: Array
-    clipped: NDArray[np.bool_]
-    rejected: NDArray[np.bool_]
+    clipped: Bools
+    rejected: Bools
 
 
 @runtime_checkable
 class PlanningPolicy(Policy, Protocol):
-    """A policy that knows from the start when it wants to be judged, and that takes the parameter in full precision."""
+    """A policy that plans at the beginning of an episode: it takes the parameters in full precision, and it knows its
+    evaluation time.
+    """
 
     def start(self, parameters: Array) -> Any:
-        """The recurrent state at the start of episodes with ``parameters`` (B, np)."""
+        """The recurrent state at the beginning of episodes.
+
+        Args:
+            parameters: of the episodes, (B, np).
+        """
         ...
 
     def schedule(self, state: Any) -> Schedule:
-        """The schedule of the episodes that began with the recurrent state ``state``."""
+        """The schedule of episodes.
+
+        Args:
+            state: the recurrent state at their beginning, from :meth:`start`.
+        """
         ...

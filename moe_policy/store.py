@@ -1,50 +1,37 @@
-"""Models on disk: tensors in ``<path>.safetensors`` and everything else in ``<path>.json``. Nothing is ever unpickled.
+"""Planners and policies by name: those in the package, and those that the user saved.
 
-The description names the problem by id and fingerprint, so that a model cannot be used for another problem, and carries
-the SHA-256 of the tensor file, so that a damaged file or a pair of files from two different saves is refused.
+Modules are imported when a model of theirs is loaded, so that nothing waits for a library that it does not use.
 """
 
 from __future__ import annotations
 
-import hashlib
-import importlib
-import json
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, TypeVar, overload
 
-import numpy as np
-from numpy.typing import NDArray
-from safetensors import SafetensorError
-from safetensors.numpy import load as load_tensors
-from safetensors.numpy import save as save_tensors
-
+from moe_policy.model_files import ModelFile, ModelFileError, read_model
 from ocp_envs import problems
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.files import replacing
-from ocp_envs.support.provenance import provenance, write_json
 from ocp_envs.support.suggestions import did_you_mean
 
-FORMAT = "ocp-moe model"
-VERSION = 1
+if TYPE_CHECKING:
+    from typing import TypeAlias
+
+    from moe_policy.control.stabiliser import Stabiliser
+    from moe_policy.planners.nearest import NearestPlanner
+    from moe_policy.planners.network import NetworkPlanner
+    from moe_policy.planners.solver import SolverPlanner
+    from moe_policy.rl.actor import LearnedPolicy
+
+    #: What can be loaded: planners of three kinds and policies of two. ``isinstance(model, Policy)`` tells them apart.
+    Model: TypeAlias = NetworkPlanner | NearestPlanner | SolverPlanner | LearnedPolicy | Stabiliser
+
+M = TypeVar("M")
+ProblemOrId = OptimalControlProblem | str
+PathLike = str | os.PathLike[str]
 SHIPPED = Path(__file__).parent / "models"
-#: Which function makes an object out of a file of each kind: (ModelFile, problem) → planner or policy.
-READERS = {
-    "network": ("moe_policy.planners.network", "read_network"),
-    "nearest": ("moe_policy.planners.nearest", "read_nearest"),
-    "rl": ("moe_policy.rl.actor", "read_policy"),
-}
-#: What needs no file: problem → planner or policy.
-ALWAYS = {
-    "optimal": ("moe_policy.planners.solver", "with_shipped_samples"),
-    "stabiliser": ("moe_policy.control.stabiliser", "Stabiliser"),
-}
-
-
-class ModelFileError(ValueError):
-    """A model's files are missing, damaged, of another format or for another problem."""
 
 
 class UnknownModelError(KeyError):
@@ -54,145 +41,132 @@ class UnknownModelError(KeyError):
         return str(self.args[0])
 
 
-@dataclass(frozen=True, eq=False)
-class ModelFile:
-    """What was read: ``tensors`` by name, and the ``description`` of the JSON file."""
+def _read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlanner:
+    from moe_policy.planners.network import read_network
 
-    path: Path
-    tensors: Mapping[str, NDArray[Any]]
-    description: Mapping[str, Any]
+    return read_network(file, problem)
 
 
-def _pair(path: str | os.PathLike[str]) -> tuple[Path, Path]:
-    base = Path(path)
-    if base.suffix in (".safetensors", ".json"):
-        base = base.with_suffix("")
-    # Not with_suffix: names such as "moe-retrained-softmax-0.1" contain a dot.
-    return base.with_name(base.name + ".safetensors"), base.with_name(base.name + ".json")
+def _read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlanner:
+    from moe_policy.planners.nearest import read_nearest
+
+    return read_nearest(file, problem)
 
 
-def write_model(
-    path: str | os.PathLike[str],
-    kind: str,
-    problem: OptimalControlProblem,
-    tensors: Mapping[str, NDArray[Any]],
-    description: Mapping[str, Any],
-) -> None:
-    """Write ``<path>.safetensors`` and ``<path>.json``, each atomically, making folders as needed.
+def _read_policy(file: ModelFile, problem: OptimalControlProblem) -> LearnedPolicy:
+    from moe_policy.rl.actor import read_policy
 
-    Args:
-        path: with or without one of the two suffixes.
-        kind: which reader of :data:`READERS` makes the object again.
-        problem: what the model is for.
-        tensors: arrays by name.
-        description: whatever else the reader needs, as JSON; finite numbers only.
-    """
-    if kind not in READERS:
-        raise ValueError(f"unknown kind of model {kind!r}; known are {sorted(READERS)}")
-    tensor_path, json_path = _pair(path)
-    content = save_tensors({name: np.ascontiguousarray(array) for name, array in tensors.items()})
-    record = {
-        "format": FORMAT,
-        "version": VERSION,
-        "kind": kind,
-        "problem": problem.id,
-        "fingerprint": problem.fingerprint,
-        "sha256": hashlib.sha256(content).hexdigest(),
-        **description,
-        "provenance": provenance(),
-    }
-    with replacing(tensor_path) as file:
-        file.write(content)
-    write_json(json_path, record)
+    return read_policy(file, problem)
 
 
-def read_model(path: str | os.PathLike[str]) -> ModelFile:
-    """Read a pair of files and check that they are whole and belong together.
+def _optimal(problem: OptimalControlProblem) -> SolverPlanner:
+    from moe_policy.planners.solver import SolverPlanner
 
-    Raises:
-        ModelFileError: a file is missing, truncated, damaged or foreign.
-    """
-    tensor_path, json_path = _pair(path)
-    for part in (json_path, tensor_path):
-        if not part.is_file():
-            raise ModelFileError(f"{part} is missing; a model is a pair of files, .safetensors and .json")
-    try:
-        description = json.loads(json_path.read_bytes())
-    except ValueError as error:
-        raise ModelFileError(f"{json_path} is not valid JSON ({error}); it is damaged or no model") from error
-    if not isinstance(description, dict) or description.get("format") != FORMAT:
-        raise ModelFileError(f"{json_path} does not describe a model: expected 'format': {FORMAT!r}")
-    if description.get("version") != VERSION:
-        raise ModelFileError(
-            f"{json_path} has format version {description.get('version')!r}, this program reads {VERSION}; "
-            "use the version of the program that wrote it, or train again"
-        )
-    content = tensor_path.read_bytes()
-    if hashlib.sha256(content).hexdigest() != description.get("sha256"):
-        raise ModelFileError(f"{tensor_path} is truncated, damaged, or from another save than {json_path.name}")
-    try:
-        tensors = load_tensors(content)
-    except (SafetensorError, KeyError, ValueError) as error:
-        raise ModelFileError(f"{tensor_path} is not a safetensors file ({error})") from error
-    return ModelFile(tensor_path.with_suffix(""), tensors, description)
+    return SolverPlanner(problem, shipped_nearest(problem))
 
 
-def _resolve(target: tuple[str, str]) -> Any:
-    module, name = target
-    return getattr(importlib.import_module(module), name)
+def _stabiliser(problem: OptimalControlProblem) -> Stabiliser:
+    from moe_policy.control.stabiliser import Stabiliser
+
+    return Stabiliser(problem)
 
 
-def load_file(path: str | os.PathLike[str], problem: OptimalControlProblem | None = None) -> Any:
-    """The planner or policy saved at ``path``.
+#: What makes a model of the files of each kind.
+READERS: Mapping[str, Callable[[ModelFile, OptimalControlProblem], Model]] = MappingProxyType(
+    {"network": _read_network, "nearest": _read_nearest, "rl": _read_policy}
+)
+#: What makes the models that need no files.
+ALWAYS: Mapping[str, Callable[[OptimalControlProblem], Model]] = MappingProxyType(
+    {"optimal": _optimal, "stabiliser": _stabiliser}
+)
+
+
+def _resolved(problem: ProblemOrId) -> OptimalControlProblem:
+    return problems.load(problem) if isinstance(problem, str) else problem
+
+
+def _expect(model: Model, kind: type[M], name: object) -> M:
+    if not isinstance(model, kind):
+        raise TypeError(f"{name} is a {type(model).__name__}, expected a {kind.__name__}")
+    return model
+
+
+def available(problem: ProblemOrId) -> list[str]:
+    """Names that :func:`load` knows, in alphabetical order.
 
     Args:
-        path: with or without one of the suffixes ``.safetensors`` and ``.json``.
-        problem: what it is to be used for; by default the registered problem of the id in the file.
-
-    Raises:
-        ModelFileError: the files are unusable, or made for another problem.
-        UnknownProblemError: the problem in the file is not registered.
-    """
-    file = read_model(path)
-    if file.description.get("kind") not in READERS:
-        raise ModelFileError(f"{file.path}: unknown kind {file.description.get('kind')!r}; known are {sorted(READERS)}")
-    problem = problems.load(str(file.description.get("problem"))) if problem is None else problem
-    found = (file.description.get("problem"), file.description.get("fingerprint"))
-    if found != (problem.id, problem.fingerprint):
-        raise ModelFileError(
-            f"{file.path} was made for {found[0]} with fingerprint {found[1]}, not for {problem.id} with "
-            f"{problem.fingerprint}: the problem is another one or has changed since; train again"
-        )
-    try:
-        return _resolve(READERS[file.description["kind"]])(file, problem)
-    except (KeyError, TypeError, RuntimeError, ValueError) as error:
-        raise ModelFileError(f"{file.path}: tensors and description do not fit together ({error})") from error
-
-
-def available(env_id: str) -> list[str]:
-    """Names that :func:`load` knows for the problem ``env_id``.
+        problem: a problem or the id of a registered one.
 
     Raises:
         UnknownProblemError: no such problem.
     """
-    problem = problems.load(env_id)
+    problem = _resolved(problem)
     shipped = {path.name.removesuffix(".json") for path in (SHIPPED / problem.id).glob("*.json")}
     # Where the goal cannot be held there is no controller that stabilises it.
     return sorted(shipped | (set(ALWAYS) if problem.hold else set(ALWAYS) - {"stabiliser"}))
 
 
-def load(env_id: str, name: str) -> Any:
-    """The shipped planner or policy ``name`` of the problem ``env_id``.
+@overload
+def load(problem: ProblemOrId, name: str) -> Model: ...
+@overload
+def load(problem: ProblemOrId, name: str, *, kind: type[M]) -> M: ...
+def load(problem: ProblemOrId, name: str, *, kind: type[M] | None = None) -> Model | M:
+    """A shipped planner or policy.
+
+    Args:
+        problem: a problem or the id of a registered one.
+        name: one of :func:`available`.
+        kind: the class that is expected, such as ``NetworkPlanner``; by default any.
 
     Raises:
         UnknownProblemError: no such problem.
         UnknownModelError: no such model; the message names the nearest one.
-        ModelFileError: its files are unusable.
+        ModelFileError: its files are unusable, or made for another problem of that id.
+        TypeError: the model is of another class than ``kind``.
     """
-    names = available(env_id)
+    problem, names = _resolved(problem), available(problem)
     if name not in names:
-        raise UnknownModelError(f"{env_id} has no model {name!r}; {did_you_mean(name, names)}there are {names}")
-    problem = problems.load(env_id)
-    if name in ALWAYS:
-        return _resolve(ALWAYS[name])(problem)
-    return load_file(SHIPPED / problem.id / name, problem)
+        raise UnknownModelError(f"{problem.id} has no model {name!r}; {did_you_mean(name, names)}there are {names}")
+    model = ALWAYS[name](problem) if name in ALWAYS else load_file(SHIPPED / problem.id / name, problem)
+    return model if kind is None else _expect(model, kind, name)
+
+
+@overload
+def load_file(path: PathLike, problem: ProblemOrId | None = None) -> Model: ...
+@overload
+def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[M]) -> M: ...
+def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[M] | None = None) -> Model | M:
+    """The planner or policy saved at ``path``.
+
+    Args:
+        path: with or without one of the suffixes ``.safetensors`` and ``.json``.
+        problem: what it is to be used for, or the id; by default the registered problem of the id in the file.
+        kind: the class that is expected, such as ``NetworkPlanner``; by default any.
+
+    Raises:
+        ModelFileError: the files are unusable, or made for another problem.
+        UnknownProblemError: the problem is not registered.
+        TypeError: the model is of another class than ``kind``.
+    """
+    file = read_model(path)
+    problem = _resolved(file.problem_id if problem is None else problem)
+    reader = READERS.get(str(file.description.get("kind")))
+    if reader is None:
+        raise ModelFileError(f"{file.path}: unknown kind {file.description.get('kind')!r}; known are {sorted(READERS)}")
+    file.check_problem(problem)
+    try:
+        model = reader(file, problem)
+    except (KeyError, TypeError, RuntimeError, ValueError) as error:
+        raise ModelFileError(f"{file.path}: tensors and description do not fit together ({error})") from error
+    return model if kind is None else _expect(model, kind, file.path)
+
+
+def shipped_nearest(problem: ProblemOrId) -> NearestPlanner | None:
+    """The shipped optimal trajectories as a planner, for warm starts; ``None`` where there are none.
+
+    Args:
+        problem: a problem or the id of a registered one.
+    """
+    from moe_policy.planners.nearest import NearestPlanner
+
+    return load(problem, "nearest", kind=NearestPlanner) if "nearest" in available(problem) else None

@@ -30,7 +30,7 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.planners.solver import SolverPlanner
+from moe_policy.planners.solver import LOOKAROUND, SolverPlanner
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.splits import split_of
@@ -200,7 +200,8 @@ def main() -> None:
     if stored is not None:
         ways = {"stored": lambda: stored} | ways
     elif "training" in databases:
-        ways["warm starts"] = lambda: SolverPlanner(problem, databases["training"]).best(cases)[1]
+        planner = SolverPlanner(problem, databases["training"], lookaround=LOOKAROUND)
+        ways["warm starts"] = lambda: planner.best(cases)[1]
     if unknown := sorted(set(arguments.ways or ()) - set(ways)):
         parser.error(f"--ways: no {unknown}; there are {sorted(ways)}")
     results = {}

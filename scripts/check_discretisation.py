@@ -23,7 +23,7 @@ from ocp_envs.support.provenance import provenance
 def measure(problem: OptimalControlProblem, cases: int) -> Discretisation:
     began = time.perf_counter()
     parameters = reference.load(problem, "validation").parameters[:cases]
-    plans, costs = moe_policy.load(problem.id, "optimal").best(parameters)
+    plans, costs = moe_policy.load(problem, "optimal", kind=moe_policy.SolverPlanner).best(parameters)
     solved = np.isfinite(costs)
     parameters, plans, costs = parameters[solved], plans[solved], costs[solved]
     found = estimates(problem, parameters, plans)

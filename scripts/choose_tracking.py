@@ -24,6 +24,7 @@ from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, run
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import keyed, text_table
+from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.store import load_file
 from ocp_envs.support.provenance import provenance, write_json
@@ -47,9 +48,10 @@ def main() -> None:
     samples = ocp_envs.Database.open(arguments.data / problem.id / "development.zarr", problem).samples()
     samples = samples[: arguments.cases]
     if arguments.planners:
-        planners = [load_file(path, problem) for path in arguments.planners]
+        planners = [load_file(path, problem, kind=NetworkPlanner) for path in arguments.planners]
     else:
-        planners = [moe_policy.load(problem.id, name) for name in benchmark_of(problem).planners.compared]
+        names = benchmark_of(problem).planners.compared
+        planners = [moe_policy.load(problem, name, kind=NetworkPlanner) for name in names]
     optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     rows = []
     grid = list(itertools.product(CONTROL, TERMINAL, ROOM))

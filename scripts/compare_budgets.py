@@ -36,6 +36,8 @@ from moe_policy.experiments.curves import learner_record, learner_runs
 from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.experiments.methods import Method, solve_all
 from moe_policy.experiments.tables import text_table
+from moe_policy.planners.network import NetworkPlanner
+from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.rl.evaluation import Performance
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.rollout import rollout
@@ -63,9 +65,9 @@ def chosen_actor(
     problem: OptimalControlProblem, name: str, run: Mapping[str, Any], cases: reference.Reference
 ) -> dict[str, Any] | None:
     """The shipped actor of the learner ``name`` on the development set, and when in its training it was chosen."""
-    if name not in store.available(problem.id):
+    if name not in store.available(problem):
         return None
-    policy = store.load(problem.id, name)
+    policy = store.load(problem, name, kind=LearnedPolicy)
     steps = policy.details["steps"]
     curve = dict(zip(run["curves"][0]["steps"], run["curves"][0]["seconds"]))
     development = on_development(problem, Method(name, policy), cases)
@@ -76,9 +78,9 @@ def shipped_rows(problem: OptimalControlProblem, generation: Any, cases: referen
     """The shipped networks of the benchmark on the development set, with what they took."""
     rows = []
     for name in benchmark_of(problem).planners.compared:
-        if name not in store.available(problem.id):
+        if name not in store.available(problem):
             continue
-        planner = store.load(problem.id, name)
+        planner = store.load(problem, name, kind=NetworkPlanner)
         samples, seconds = planner.details["samples"], planner.details["training"]["seconds"]
         budget = None
         if generation is not None:

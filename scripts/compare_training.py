@@ -155,7 +155,7 @@ def execute(env_id: str, run: Run, key: str, folders: Folders) -> dict[str, Any]
     torch.set_num_threads(1)
     problem, path = ocp_envs.load(env_id), folders.model(key)
     if Path(f"{path}.json").exists():
-        planner = load_file(path, problem)
+        planner = load_file(path, problem, kind=NetworkPlanner)
     else:
         unfinished = folders.work / "unfinished" / key
         planner = train(problem, run, folders, unfinished)
@@ -239,7 +239,7 @@ def draw(
     """The figures, and what there is to tell about them; ``models`` are the planners of the first seed."""
     stem = results / f"training_{problem.id}"
     training, validation = (folders.samples(problem, name) for name in ("training", "validation"))
-    planners = {name: load_file(path, problem) for name, path in models.items()}
+    planners = {name: load_file(path, problem, kind=NetworkPlanner) for name, path in models.items()}
     partitions = tuple(int(name.rsplit("-", 1)[1]) for name in models if name.startswith("moe-kmeans-"))
     material = gallery.Material(training, validation, planners, partitions)
     if len({row["samples"] for row in record["sizes"]}) > 1:
@@ -278,7 +278,7 @@ def main() -> None:
     models = {name: folders.model(runs[run]) for name, run in first.items() if "pca" not in name}
     if arguments.ship:
         for name in benchmark.shipped:
-            load_file(models[name], problem).save(SHIPPED / problem.id / name)
+            load_file(models[name], problem, kind=NetworkPlanner).save(SHIPPED / problem.id / name)
     record |= draw(problem, folders, models, arguments.results, record)
     record |= {"env_id": problem.id, "training_key": data, "seconds": time.perf_counter() - began}
     write_json(arguments.results / f"compare_training_{problem.id}.json", record | {"provenance": provenance()})

@@ -21,6 +21,7 @@ from moe_policy.experiments.diagnosis import explain
 from moe_policy.experiments.failures import COLUMNS, Diagnosis, EvaluatedAt, counts
 from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import Column, proportion, text_table
+from moe_policy.planners.network import NetworkPlanner
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.store import SHIPPED, load_file
 from ocp_envs.support.provenance import provenance
@@ -48,7 +49,7 @@ def main() -> None:
 
     began, problem = time.perf_counter(), arguments.problem
     path = path_of(arguments.planner, problem.id, arguments.models)
-    planner, folder = load_file(path, problem), arguments.data / problem.id
+    planner, folder = load_file(path, problem, kind=NetworkPlanner), arguments.data / problem.id
     training, validation = (
         ocp_envs.Database.open(folder / f"{name}.zarr", problem) for name in ("training", "validation")
     )

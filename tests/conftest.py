@@ -1,4 +1,33 @@
+import dataclasses
+
 import pytest
+
+from tests.synthetic import fake_samples
+
+
+@pytest.fixture(scope="session")
+def samples_of_three_modes():
+    """Synthetic samples of the pendulum in three solution families."""
+    return fake_samples(count=150, modes=3)
+
+
+@pytest.fixture(scope="session")
+def planners(samples_of_three_modes):
+    """A briefly trained planner of every kind: single, mixture with argmax and with softmax, nearest."""
+    from moe_policy.learning.clustering import cluster
+    from moe_policy.learning.settings import TrainingSettings
+    from moe_policy.learning.training import fit_mixture, fit_single
+    from moe_policy.planners.nearest import NearestPlanner
+    from moe_policy.planners.networks import Softmax
+
+    samples, quick = samples_of_three_modes, TrainingSettings(epochs=3)
+    mixture = fit_mixture(samples, cluster(samples, "custom"), settings=quick)
+    return {
+        "single": fit_single(samples, settings=quick),
+        "mixture": mixture,
+        "soft": dataclasses.replace(mixture, mixing=Softmax(0.3)),
+        "nearest": NearestPlanner(samples),
+    }
 
 
 @pytest.fixture

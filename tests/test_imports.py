@@ -17,7 +17,8 @@ import ocp_envs
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("ocp_envs", "moe_policy")
 #: The wings, each allowed to import those above it, and what stands in none of them: the declaration of a problem at
-#: the root of ``ocp_envs``, the protocols and the store at that of ``moe_policy``, and the two packages' public names.
+#: the root of ``ocp_envs``, the protocols, model files and the store at that of ``moe_policy``, and the public names of
+#: the two packages.
 WINGS = {
     "ocp_envs.support": None,
     "declaration": (
@@ -39,12 +40,13 @@ WINGS = {
     "ocp_envs.data": None,
     "ocp_envs.sets": None,
     "ocp_envs": ("",),
-    "protocols": ("protocols", "store"),
+    "protocols": ("protocols", "model_files"),
     "moe_policy.planners": None,
     "moe_policy.learning": None,
     "moe_policy.control": None,
     "moe_policy.rollouts": None,
     "moe_policy.rl": None,
+    "store": ("store",),
     "moe_policy": ("",),
     "moe_policy.experiments": None,
 }
@@ -116,8 +118,11 @@ def _wing(module: str) -> str:
     folder = f"{package}.{rest.partition('.')[0]}"
     if folder in WINGS:
         return folder
-    root = {"ocp_envs": "declaration", "moe_policy": "protocols"}[package]
-    return root if rest else package
+    if not rest:
+        return package
+    if package == "ocp_envs":
+        return "declaration"
+    return "store" if rest == "store" else "protocols"
 
 
 MODULES_OF = {wing: {module for module in SOURCES if _wing(module) == wing} for wing in WINGS}

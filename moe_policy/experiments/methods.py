@@ -24,9 +24,10 @@ from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.solver import SolverPlanner
+from moe_policy.planners.solver import SolverPlanner, lookaround_of
 from moe_policy.planners.symmetric import Symmetrised
 from moe_policy.protocols import Planner, Policy
+from moe_policy.rl.actor import LearnedPolicy
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
@@ -55,7 +56,7 @@ class Method:
     @property
     def planner(self) -> Planner | None:
         """The actor if it plans."""
-        return None if hasattr(self.actor, "predict") else self.actor
+        return None if isinstance(self.actor, Policy) else self.actor
 
     def policy(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> Policy:
         """The actor as a policy of control period ``dt``; ``weights`` are those of tracking and hold."""
@@ -85,20 +86,19 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
         results: folder of the learners' training records, from which steps and wall times are taken; without it the
             policies themselves tell their steps.
     """
-    benchmark, there = benchmark_of(problem), store.available(problem.id)
+    benchmark, there = benchmark_of(problem), store.available(problem)
     methods = []
-    if "nearest" in there:
-        nearest = store.load(problem.id, "nearest")
+    if (nearest := store.shipped_nearest(problem)) is not None:
         methods.append(Method("nearest", nearest, solutions(len(nearest.parameters))))
     for name in benchmark.planners.compared:
         if name in there:
-            planner = store.load(problem.id, name)
+            planner = store.load(problem, name, kind=NetworkPlanner)
             record = planner.details
             methods.append(Method(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
     for name in benchmark.learners.settings:
         if name in there:
-            policy = store.load(problem.id, name)
-            training = {"steps": policy.details["steps"], "seconds": None}
+            policy = store.load(problem, name, kind=LearnedPolicy)
+            training: dict[str, Any] = {"steps": policy.details["steps"], "seconds": None}
             record_path = None if results is None else results / f"training_{name}_{problem.id}.json"
             if record_path is not None and record_path.exists():
                 training = json.loads(record_path.read_text())
@@ -135,9 +135,7 @@ def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | No
         problem: the problem.
         nearest: source of its warm starts; by default the shipped one, and random guesses where none is shipped.
     """
-    if nearest is None and "nearest" in store.available(problem.id):
-        nearest = store.load(problem.id, "nearest")
-    return SolverPlanner(problem, nearest, lookaround=benchmark_of(problem).planners.lookaround)
+    return SolverPlanner(problem, store.shipped_nearest(problem) if nearest is None else nearest)
 
 
 def solve_all(
@@ -153,8 +151,7 @@ def solve_all(
             for its problem, parameters and warm starts alone.
     """
     local = threading.local()
-    if nearest is None and "nearest" in store.available(problem.id):
-        nearest = store.load(problem.id, "nearest")
+    nearest = store.shipped_nearest(problem) if nearest is None else nearest
 
     def solve(begin: int) -> tuple[Trajectory, Array]:
         share = p[begin : begin + SHARE]
@@ -179,7 +176,7 @@ def solve_all(
 
 def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None) -> str:
     """A hash of all that a share of optimal trajectories depends on."""
-    sha = hashlib.sha256(f"{problem.fingerprint} {benchmark_of(problem).planners.lookaround}".encode())
+    sha = hashlib.sha256(f"{problem.fingerprint} {lookaround_of(problem)}".encode())
     for array in (p, *(() if nearest is None else (nearest.parameters, nearest.trajectory.flat()))):
         sha.update(np.ascontiguousarray(array).tobytes())
     return sha.hexdigest()[:16]

@@ -6,7 +6,6 @@ be the start. Whoever follows a plan decides what to do about that.
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
+from moe_policy.model_files import ModelFile, write_model
 from moe_policy.planners.networks import (
     ARGMAX,
     Argmax,
@@ -27,7 +27,6 @@ from moe_policy.planners.networks import (
 )
 from moe_policy.planners.record import TrainingReport
 from moe_policy.planners.scaling import Standardizer
-from moe_policy.store import ModelFile, write_model
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
@@ -115,11 +114,6 @@ class NetworkPlanner:
         x = self._scaled(p)
         with torch.inference_mode():
             return tuple(self._trajectory(outputs) for outputs in self._mixture.all_experts(x))
-
-    def with_mixing(self, mixing: Mixing) -> NetworkPlanner:
-        """The same mixture with another way to combine its experts."""
-        assert self._mixture
-        return dataclasses.replace(self, mixing=mixing)
 
     # -- size ------------------------------------------------------------------------------------------------------
 

@@ -3,24 +3,38 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moe_policy import store
 from moe_policy.planners.nearest import NearestPlanner
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses, random_kind
 from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.solvers.solver import GuardedSolver
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.trajectory import Trajectory
+
+#: Number of nearest samples considered as warm starts, and the problems with a number of their own: round the sphere
+#: a solve takes long, and there are two of them for every instance.
+LOOKAROUND = 12
+LOOKAROUND_OF: Mapping[str, int] = MappingProxyType({"QuadcopterObstacle-v0": 2})
+#: Random guesses for each winding of the goal where there are no warm starts.
+RANDOM_GUESSES = 8
+
+
+def lookaround_of(problem: OptimalControlProblem) -> int:
+    """Number of nearest samples among which the warm starts of ``problem`` are looked for by default."""
+    return LOOKAROUND_OF.get(problem.id, LOOKAROUND)
 
 
 class BatchSolver(Protocol):
-    """What solves a batch of problems from one guess each; as ``GuardedSolver`` of ``ocp_envs`` does."""
+    """What solves a batch of problem instances from one guess each, as ``GuardedSolver`` of ``ocp_envs`` does."""
 
     def solve(
         self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer], *, retry_with_fallback: bool = True
@@ -28,21 +42,31 @@ class BatchSolver(Protocol):
         """As :meth:`ocp_envs.solvers.solver.GuardedSolver.solve`."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Attempts:
+    """Guesses for some of B instances: the instance's row, the guess and the winding of each."""
+
+    row: Ints
+    guess: Trajectory
+    winding: Ints
+
+
 class SolverPlanner:
     """Plans by solving the nonlinear program.
 
-    Every p is started from its nearest samples in ``database``: among ``lookaround`` of them, the ``neighbours``
-    nearest of every mode that occurs there. Beside that, or without a database, each winding of the goal is started
-    from ``starts`` random guesses. What no guess solves is tried once more, from these guesses and a straight line, and
-    with the fallback solver where that does not converge.
-    The guesses depend on the seed and on p alone, so a plan does not depend on the batch it is made in.
+    For every p the solver is warm-started from samples in ``database``: among the ``lookaround`` nearest ones, the
+    ``neighbours`` nearest of every solution family that occurs. In addition, or without a database, it is started from
+    ``random_guesses`` random guesses for each winding of the goal. An instance that no guess solves is tried a second
+    time, from the same guesses and a straight line, and with the fallback solver where the primary one does not
+    converge. Guesses depend on the seed and on p alone, so that a plan does not depend on its batch.
 
     Args:
         problem: what to solve.
-        database: source of warm starts, a Database, its samples or a NearestPlanner; without it random guesses must do.
-        neighbours: warm starts for each mode.
-        lookaround: nearest samples among which modes are looked for.
-        starts: random guesses for each winding; by default none beside warm starts, else 8.
+        database: source of warm starts: a Database, its samples or a NearestPlanner; without it all guesses are random.
+        neighbours: warm starts of each solution family.
+        lookaround: number of nearest samples considered; by default the problem's own, :func:`lookaround_of`.
+        random_guesses: random guesses for each winding; by default none beside warm starts, else
+            :data:`RANDOM_GUESSES`.
         seed: of the random guesses.
         solver: what solves; by default a new ``GuardedSolver(problem)``.
         name: short name for tables.
@@ -57,88 +81,80 @@ class SolverPlanner:
         database: Samples | SampleSource | None = None,
         *,
         neighbours: int = 2,
-        lookaround: int = 12,
-        starts: int | None = None,
+        lookaround: int | None = None,
+        random_guesses: int | None = None,
         seed: int = 0,
         solver: BatchSolver | None = None,
         name: str = "optimal",
     ) -> None:
-        self.problem, self.name, self.seed = problem, name, seed
-        self.neighbours, self.lookaround = neighbours, lookaround
-        self.starts = (8 if database is None else 0) if starts is None else starts
+        self.problem, self.name, self.seed, self.neighbours = problem, name, seed, neighbours
+        self.lookaround = lookaround_of(problem) if lookaround is None else lookaround
+        default = RANDOM_GUESSES if database is None else 0
+        self.random_guesses = default if random_guesses is None else random_guesses
         self._nearest: NearestPlanner | None = None
         if database is not None and neighbours > 0:
             samples = samples_of(database)
             if samples.problem.id != problem.id:
                 raise ValueError(f"the database belongs to {samples.problem.id}, not to {problem.id}")
             self._nearest = NearestPlanner(samples)
-        if self.starts < 0 or (self.starts == 0 and self._nearest is None):
-            raise ValueError("no guesses: give a database with neighbours ≥ 1, or starts ≥ 1")
+        if self.random_guesses < 0 or (self.random_guesses == 0 and self._nearest is None):
+            raise ValueError("no guesses: give a database with neighbours ≥ 1, or random_guesses ≥ 1")
         self.solver: BatchSolver = GuardedSolver(problem) if solver is None else solver
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters (B, np) or (np,); NaN where no guess led to a verified solution."""
+        """Plans of parameters ``p`` (B, np) or (np,); NaN where no guess led to a verified solution."""
         return self.best(p)[0]
 
     def best(self, p: ArrayLike) -> tuple[Trajectory, Array]:
-        """The cheapest verified solution of B parameters, and its cost (B,); NaN and +inf where there is none."""
+        """The cheapest verified solutions and their costs (B,); NaN and +inf where there is none.
+
+        Args:
+            p: parameters (B, np) or (np,); outside the parameter box they are solved as well.
+
+        Raises:
+            ValueError: wrong shape, or a value that is not finite.
+        """
         checked = self.problem.check_parameters(p, extrapolate=True)
-        usual = [random_kind(self.problem)] * self.starts
+        usual = [random_kind(self.problem)] * self.random_guesses
         trajectory, cost = self._best(checked, usual, retry_with_fallback=False)
-        lost = np.flatnonzero(~np.isfinite(cost))
-        if not len(lost):
+        unsolved = np.flatnonzero(~np.isfinite(cost))
+        if not len(unsolved):
             return trajectory, cost
-        again, cost[lost] = self._best(checked[lost], ["line", *usual], retry_with_fallback=True)
+        again, cost[unsolved] = self._best(checked[unsolved], ["line", *usual], retry_with_fallback=True)
         merged = trajectory.flat()
-        merged[lost] = again.flat()
+        merged[unsolved] = again.flat()
         return self.problem.unflatten(merged), cost
 
-    def _best(self, checked: Array, kinds: list[GuessKind], retry_with_fallback: bool) -> tuple[Trajectory, Array]:
-        rows, guess, windings = self._guesses(checked, kinds)
-        if not len(rows):
-            return guess, np.empty(0)
-        solutions = self.solver.solve(checked[rows], guess, windings, retry_with_fallback=retry_with_fallback)
+    def _best(self, p: Array, kinds: Sequence[GuessKind], retry_with_fallback: bool) -> tuple[Trajectory, Array]:
+        """The best solution from warm starts and from a guess of each of ``kinds`` to each winding."""
+        if not len(p):
+            return self.problem.unflatten(np.empty((0, self.problem.flat_size))), np.empty(0)
+        attempts = [*self._warm_starts(p), *self._random_guesses(p, kinds)]
+        row, winding = (np.concatenate([getattr(a, name) for a in attempts]) for name in ("row", "winding"))
+        guess = Trajectory.concatenate([a.guess for a in attempts])
+        solutions = self.solver.solve(p[row], guess, winding, retry_with_fallback=retry_with_fallback)
         # Sorted by row, then by cost: the first of every row is its best.
-        order = np.lexsort((solutions.cost, rows))
-        best = order[np.searchsorted(rows[order], np.arange(len(checked)))]
+        order = np.lexsort((solutions.cost, row))
+        best = order[np.searchsorted(row[order], np.arange(len(p)))]
         return solutions.trajectory[best], solutions.cost[best]
 
-    def _guesses(self, p: Array, kinds: list[GuessKind]) -> tuple[NDArray[np.int64], Trajectory, NDArray[np.int64]]:
-        """Row of p, guess and winding of every solve: warm starts, and a guess of each of ``kinds`` to each winding."""
-        every = np.arange(len(p))
-        rows, parts, windings = [], [], []
-        if self._nearest is not None and len(p):
-            owner, sample = self._warm_starts(self._nearest, p)
-            rows.append(owner)
-            parts.append(self._nearest.trajectory[sample])
-            windings.append(np.full(len(owner), NEAREST_WINDING))
-        for row in every if kinds else ():
-            rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
-            for kind, group in itertools.groupby(kinds):
-                each = np.repeat(np.arange(len(self.problem.targets)), len(list(group)))
-                repeated = np.repeat(p[row : row + 1], len(each), axis=0)
-                parts.append(guesses(self.problem, repeated, each, rng, kind))
-                rows.append(np.full(len(each), row))
-                windings.append(each)
-        if not parts:
-            system, knots = self.problem.system, self.problem.knots
-            parts = [Trajectory(np.empty((0, knots, system.nx)), np.empty((0, knots - 1, system.nu)), np.empty(0))]
-            return every, parts[0], every
-        return np.concatenate(rows), Trajectory.concatenate(parts), np.concatenate(windings)
-
-    def _warm_starts(self, nearest: NearestPlanner, p: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Row of p and number of the sample of every warm start."""
-        around = nearest.neighbours(p, min(self.lookaround, len(nearest.parameters)))
-        modes = nearest.mode[around]
+    def _warm_starts(self, p: Array) -> Iterator[_Attempts]:
+        if self._nearest is None:
+            return
+        around = self._nearest.neighbours(p, min(self.lookaround, len(self._nearest.parameters)))
+        modes = self._nearest.mode[around]
         chosen = np.zeros(around.shape, dtype=bool)
         for mode in np.unique(modes):
             same = modes == mode
             chosen |= same & (np.cumsum(same, axis=1) <= self.neighbours)
         row, column = np.nonzero(chosen)
-        return row, around[row, column]
+        yield _Attempts(row, self._nearest.trajectory[around[row, column]], np.full(len(row), NEAREST_WINDING))
 
-
-def with_shipped_samples(problem: OptimalControlProblem) -> SolverPlanner:
-    """The solver, warm-started from the shipped samples of the problem where there are any."""
-    database = store.load(problem.id, "nearest") if "nearest" in store.available(problem.id) else None
-    return SolverPlanner(problem, database)
+    def _random_guesses(self, p: Array, kinds: Sequence[GuessKind]) -> Iterator[_Attempts]:
+        for row in range(len(p)) if kinds else ():
+            rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
+            for kind, group in itertools.groupby(kinds):
+                winding = np.repeat(np.arange(len(self.problem.targets)), len(list(group)))
+                repeated = np.repeat(p[row : row + 1], len(winding), axis=0)
+                guess = guesses(self.problem, repeated, winding, rng, kind)
+                yield _Attempts(np.full(len(winding), row), guess, winding)

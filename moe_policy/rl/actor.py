@@ -20,8 +20,8 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
+from moe_policy.model_files import ModelFile, write_model
 from moe_policy.rl.features import Actions, Features
-from moe_policy.store import ModelFile, write_model
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 

@@ -202,7 +202,7 @@ def test_a_blend_of_good_experts_is_the_gates_fault():
     failures = explain(PROBLEM, planner, CASES[::2], TRAINING)
     assert causes(failures) == {0: Cause.GATE, 20: Cause.GATE}
     assert (failures[0].chosen, failures[0].successful) == (LEFT, (LEFT,))
-    assert explain(PROBLEM, planner.with_mixing(ARGMAX), CASES, TRAINING) == []
+    assert explain(PROBLEM, dataclasses.replace(planner, mixing=ARGMAX), CASES, TRAINING) == []
 
 
 # -- evaluation, records, refusals -------------------------------------------------------------------------------------

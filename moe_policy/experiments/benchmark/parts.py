@@ -33,14 +33,12 @@ class Planners:
         compared: networks in all comparisons.
         trained: networks that are trained over several seeds.
         stored: number of training solutions in the shipped nearest-neighbour planner; ``None`` for all.
-        lookaround: number of nearest stored solutions from which the optimal planner takes its warm starts.
         margin: with which the compared networks have rows of their own.
     """
 
     compared: tuple[str, ...] = ("snn", "moe-custom")
     trained: tuple[str, ...] = ("snn", "moe-custom")
     stored: int | None = None
-    lookaround: int = 12
     margin: Margin | None = None
 
 

@@ -74,7 +74,6 @@ WITH_OBSTACLE = Benchmark(
         compared=("snn", "moe-custom", "moe-kmeans-8"),
         trained=("snn", "moe-custom", "moe-kmeans-8", "moe-kmeans-20"),
         stored=2_000,
-        lookaround=2,
         margin=Margin("radius", 0.1),
     ),
     training=Training(

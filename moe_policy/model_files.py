@@ -1,0 +1,150 @@
+"""Files of models: tensors in ``<path>.safetensors`` and everything else in ``<path>.json``; nothing is unpickled.
+
+The description names the problem by id and fingerprint, so that a model cannot be used for another problem, and carries
+the SHA-256 of the tensor file, so that a damaged file, or a pair of files from two different saves, is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load as load_tensors
+from safetensors.numpy import save as save_tensors
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.files import replacing
+from ocp_envs.support.provenance import provenance, write_json
+
+FORMAT = "ocp-moe model"
+VERSION = 1
+#: Which reader makes the planner or the policy again.
+Kind = Literal["network", "nearest", "rl"]
+Tensors = Mapping[str, NDArray[Any]]
+#: An object of JSON.
+Json = Mapping[str, Any]
+
+
+class ModelFileError(ValueError):
+    """A model's files are missing, damaged, of another format or for another problem."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """What was read.
+
+    Args:
+        path: of the pair of files, without a suffix.
+        tensors: arrays by name.
+        description: the contents of the JSON file.
+    """
+
+    path: Path
+    tensors: Tensors
+    description: Json
+
+    @property
+    def problem_id(self) -> str:
+        """The id of the problem that the model is for."""
+        return str(self.description.get("problem"))
+
+    def check_problem(self, problem: OptimalControlProblem) -> None:
+        """Check that the model was made for ``problem`` as it is now.
+
+        Raises:
+            ModelFileError: it was not.
+        """
+        found = self.description.get("problem"), self.description.get("fingerprint")
+        if found != (problem.id, problem.fingerprint):
+            raise ModelFileError(
+                f"{self.path} was made for {found[0]} with fingerprint {found[1]}, not for {problem.id} with "
+                f"{problem.fingerprint}: it is another problem, or it has changed since; train again"
+            )
+
+
+def _pair(path: str | os.PathLike[str]) -> tuple[Path, Path]:
+    base = Path(path)
+    if base.suffix in (".safetensors", ".json"):
+        base = base.with_suffix("")
+    # Not with_suffix: names such as "moe-retrained-softmax-0.1" contain a dot.
+    return base.with_name(base.name + ".safetensors"), base.with_name(base.name + ".json")
+
+
+def write_model(
+    path: str | os.PathLike[str],
+    kind: Kind,
+    problem: OptimalControlProblem,
+    tensors: Tensors,
+    description: Json,
+) -> None:
+    """Write ``<path>.safetensors`` and ``<path>.json``, each atomically; folders are made as needed.
+
+    Args:
+        path: with or without one of the two suffixes.
+        kind: which reader makes the planner or the policy again.
+        problem: what the model is for.
+        tensors: arrays by name.
+        description: what else the reader needs, as JSON; finite numbers only.
+
+    Raises:
+        ValueError: an unknown kind.
+    """
+    if kind not in get_args(Kind):
+        raise ValueError(f"unknown kind of model {kind!r}; known are {sorted(get_args(Kind))}")
+    tensor_path, json_path = _pair(path)
+    content = save_tensors({name: np.ascontiguousarray(array) for name, array in tensors.items()})
+    record = {
+        "format": FORMAT,
+        "version": VERSION,
+        "kind": kind,
+        "problem": problem.id,
+        "fingerprint": problem.fingerprint,
+        "sha256": hashlib.sha256(content).hexdigest(),
+        **description,
+        "provenance": provenance(),
+    }
+    with replacing(tensor_path) as file:
+        file.write(content)
+    write_json(json_path, record)
+
+
+def read_model(path: str | os.PathLike[str]) -> ModelFile:
+    """Read a pair of files, and check that they are whole and belong together.
+
+    Args:
+        path: with or without one of the two suffixes.
+
+    Raises:
+        ModelFileError: a file is missing, truncated, damaged or foreign.
+    """
+    tensor_path, json_path = _pair(path)
+    for part in (json_path, tensor_path):
+        if not part.is_file():
+            raise ModelFileError(f"{part} is missing; a model is a pair of files, .safetensors and .json")
+    try:
+        description = json.loads(json_path.read_bytes())
+    except ValueError as error:
+        raise ModelFileError(f"{json_path} is not valid JSON ({error}); it is damaged, or not a model") from error
+    if not isinstance(description, dict) or description.get("format") != FORMAT:
+        raise ModelFileError(f"{json_path} does not describe a model: expected 'format': {FORMAT!r}")
+    if description.get("version") != VERSION:
+        raise ModelFileError(
+            f"{json_path} has format version {description.get('version')!r}, this program reads {VERSION}; "
+            "use the version of the program that wrote it, or train again"
+        )
+    content = tensor_path.read_bytes()
+    if hashlib.sha256(content).hexdigest() != description.get("sha256"):
+        raise ModelFileError(f"{tensor_path} is truncated, damaged, or from another save than {json_path.name}")
+    try:
+        tensors = load_tensors(content)
+    except (SafetensorError, KeyError, ValueError) as error:
+        raise ModelFileError(f"{tensor_path} is not a safetensors file ({error})") from error
+    return ModelFile(tensor_path.with_suffix(""), tensors, description)
