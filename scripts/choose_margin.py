@@ -1,60 +1,64 @@
-"""What a margin on the obstacle costs and gives: networks asked for larger spheres, on the development set.
+"""Choose a margin on the obstacle: networks are asked for larger spheres, on the development set.
 
-Each network plans for spheres that are larger by each of a few margins, and is judged by the true ones: mean violation
-at the knots and over the whole path, and cost against the tracked optimum. Writes ``results/margin_<env>.json`` and
-``.png``; the margin of the comparison's extra rows (``moe_policy/experiments/benchmark``) is chosen from it.
+Each network plans for spheres that are larger by each of several margins. Its rollouts are evaluated with the true
+spheres: mean violation at the knots and on the whole path, and cost relative to the tracked optimum. Writes
+``margin_<env>.json`` and ``.png``; the margin of the comparison's extra rows, ``planners.margin`` of the benchmark, is
+chosen from them.
 
     python scripts/choose_margin.py
 """
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
-import torch
 from tqdm import tqdm
 
 import moe_policy
 import ocp_envs
+from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, run
+from moe_policy.experiments.comparison import COLUMNS, MarginRow, Margins, run
 from moe_policy.experiments.figures.space import margins_figure
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.tables import keyed, text_table
+from moe_policy.experiments.records import write
+from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.stored import StoredPlans
-from ocp_envs.support.provenance import provenance, write_json
+from ocp_envs.support.provenance import provenance
 
-ROOT = Path(__file__).resolve().parents[1]
 MARGINS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
+MARGIN_COLUMNS: tuple[Column[MarginRow], ...] = (
+    Column("margin", lambda row: row.margin, "g"),
+    *(column.of_part(lambda row: row.row) for column in COLUMNS),
+)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--env", default="QuadcopterObstacle-v0", help="name of the environment")
-    parser.add_argument("--parameter", default="radius", help="the parameter that is enlarged")
-    parser.add_argument("--cases", type=int, help="development starts; all by default")
-    parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
-    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
-    arguments = parser.parse_args()
-
-    torch.set_num_threads(1)  # the networks are far too small for more
-    problem = ocp_envs.load(arguments.env)
+    parser = cli.parser(__doc__, env="QuadcopterObstacle-v0", data=True, cases="development instances")
+    parser.add_argument("--parameter", metavar="NAME", default="radius", help="what is enlarged; radius by default")
+    arguments = parser.parse()
+    cli.threads()
+    problem, parameter = arguments.problem, arguments.parameter
     samples = ocp_envs.Database.open(arguments.data / problem.id / "development.zarr", problem).samples()
     samples = samples[: arguments.cases]
     optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     row, baseline = run(problem, optimal, samples.parameters, batches=())
-    rows = [{"margin": None} | row]
+    rows = [MarginRow(margin=None, row=row)]
     planners = [moe_policy.load(problem.id, name) for name in benchmark_of(problem).planners.compared]
     for planner, margin in tqdm([(p, m) for p in planners for m in MARGINS], unit="run", disable=None):
-        method = Method(planner.name, WithMargin(problem, planner, arguments.parameter, margin))
+        method = Method(planner.name, WithMargin(problem, planner, parameter, margin))
         row, _ = run(problem, method, samples.parameters, baseline=baseline, batches=())
-        rows.append({"margin": margin} | row)
-    record = {"env_id": problem.id, "split": "development", "parameter": arguments.parameter, "cases": len(samples)}
-    write_json(arguments.results / f"margin_{problem.id}.json", record | {"rows": rows, "provenance": provenance()})
+        rows.append(MarginRow(margin=margin, row=row))
+    record = Margins(
+        env_id=problem.id,
+        split="development",
+        parameter=parameter,
+        cases=len(samples),
+        rows=tuple(rows),
+        provenance=provenance(),
+    )
+    write(arguments.results / f"margin_{problem.id}.json", record)
     margins_figure(arguments.results / f"margin_{problem.id}.png", rows)
-    print(text_table(rows, (keyed("margin", "margin", "g"), *COLUMNS)))
+    print(text_table(rows, MARGIN_COLUMNS))
 
 
 if __name__ == "__main__":

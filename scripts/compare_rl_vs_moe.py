@@ -1,28 +1,34 @@
-"""Compare optimal control, networks, mixtures of experts, reinforcement learning and the bare stabiliser.
+"""Compare optimal control, networks, mixtures of experts, reinforcement learning and the terminal regulator alone.
 
-All run on the same starts, through the same rollout loop. With no argument the shipped pendulum models run on the
-shipped validation set, which takes about a minute; ``--env GroundVehicle-v0`` takes a few. ``--train`` first makes
-everything anew under ``data/compare/``: training, development and validation sets, planners, and where the benchmark
-has a short budget for it, a reinforcement learner. The table goes to the terminal, and with all figures to
-``results/compare_<env>.json`` and ``.png`` (with ``--train`` to ``results/compare_trained_<env>.*``).
+All methods run from the same initial conditions, through the same rollout loop. With no argument the shipped models of
+the pendulum run on the shipped validation set, which takes about a minute; ``--env GroundVehicle-v0`` takes a few.
+``--train`` makes everything from nothing, under ``data/compare/``: training, development and validation sets, planners,
+and where the benchmark has short settings for it, a reinforcement learner. Prints the table, and writes it with all
+metrics to ``compare_<env>.json`` and ``.png`` (with ``--train`` to ``compare_trained_<env>.json`` and ``.png``).
 """
 
 from __future__ import annotations
 
-import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 import moe_policy
 import ocp_envs
+from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, outcome, run
+from moe_policy.experiments.comparison import (
+    COLUMNS,
+    Comparison,
+    ComparisonRow,
+    CostDifference,
+    planning_seconds,
+    run,
+)
 from moe_policy.experiments.figures.comparison import comparison_figure
-from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import (
     Method,
     optimal_planner,
@@ -33,114 +39,126 @@ from moe_policy.experiments.methods import (
     steps,
     variants,
 )
+from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.rl import training as baselines
+from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.splits import split_of, splits_of
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerPool
-from ocp_envs.support.provenance import provenance, write_json
-
-ROOT = Path(__file__).resolve().parents[1]
+from ocp_envs.support.provenance import provenance
 
 
-def log(text: str) -> None:
-    print(text, flush=True)
-
-
-def trained(problem: OptimalControlProblem, folder: Path, seed: int) -> tuple[NearestPlanner, list[Method], Any]:
-    """Everything made anew: data, planners and, where the benchmark has a short budget, a reinforcement learner."""
-    benchmark, databases = benchmark_of(problem), {}
+def generated(problem: OptimalControlProblem, folder: Path) -> dict[str, ocp_envs.Database]:
+    """The databases of all splits by name, generated unless they are in ``folder``."""
+    databases = {}
     for name in splits_of(problem):
         split, began = split_of(problem, name), time.perf_counter()
+        p = split.parameters(problem)
         databases[name] = ocp_envs.generate(
-            problem,
-            folder / f"{name}.zarr",
-            split.parameters(problem),
-            seed=split.seed,
-            settings=split.settings,
+            problem, folder / f"{name}.zarr", p, seed=split.seed, settings=split.settings
         )
-        log(f"{name} set: {len(databases[name])} problems, {time.perf_counter() - began:.0f} s")
-    samples = databases["training"].samples(databases["training"].first(benchmark.training.instances))
-    nearest = NearestPlanner(samples)
-    methods = [Method("nearest", nearest, solutions(len(samples)))]
+        cli.say(f"{name} set: {len(p)} instances, {time.perf_counter() - began:.0f} s")
+    return databases
+
+
+def trained(
+    problem: OptimalControlProblem, databases: dict[str, ocp_envs.Database], folder: Path, seed: int
+) -> list[Method]:
+    """The nearest neighbour, the compared networks and the short learners, trained now and saved in ``folder``."""
+    benchmark, training = benchmark_of(problem), databases["training"]
+    samples = training.samples(training.first(benchmark.training.instances))
+    methods = [Method("nearest", NearestPlanner(samples), solutions(len(samples)))]
     for name in benchmark.planners.compared:
         with WorkerPool() as pool:
             planner: Any = recipes.make(name, samples, settings=benchmark.training.settings, seed=seed, executor=pool)
         planner.save(folder / name)
         seconds = planner.details["training"]["seconds"]
-        log(f"{name}: trained in {seconds:.0f} s")
+        cli.say(f"{name}: trained in {seconds:.0f} s")
         methods.append(Method(name, planner, solutions(len(samples)), seconds))
     for name, settings in benchmark.learners.short.items():
         result = baselines.train(problem, settings, databases["development"].parameters)
         result.policy.save(folder / name)
-        log(f"{name}: {settings.steps:,} steps in {result.curve[-1].seconds:.0f} s")
+        cli.say(f"{name}: {settings.steps:,} steps in {result.curve[-1].seconds:.0f} s")
         methods.append(Method(name, result.policy, steps(settings.steps), result.curve[-1].seconds))
-    return nearest, methods, databases["validation"]
+    return methods
+
+
+def compare(
+    problem: OptimalControlProblem, methods: list[Method], parameters: Array, costs: Array
+) -> tuple[CostDifference, list[ComparisonRow], dict[str, Episodes]]:
+    """All methods, the optimal planner first.
+
+    Args:
+        problem: the problem.
+        methods: the nearest neighbour first, then the others; their variants and the regulator are added.
+        parameters: p of the cases, (B, np).
+        costs: of the reference, (B,).
+
+    Returns:
+        how far optimal costs are from the reference, the rows, and the episodes by method.
+    """
+    nearest = methods[0].actor
+    assert isinstance(nearest, NearestPlanner)
+    trajectories, found = solve_all(problem, parameters, nearest, cli.DATA / "optimal" / problem.id)
+    difference = CostDifference.of(found, costs)
+    solved = int(np.isfinite(found).sum())
+    cli.say(f"optimal trajectories: {solved} solved; {difference.within} at the reference cost within 0.1 %")
+    planner = optimal_planner(problem, nearest)
+    planning = planning_seconds(planner, parameters, (1,), repeats=20)
+    if len(parameters) >= 1000:  # fewer would be solved repeatedly
+        planning |= planning_seconds(planner, parameters, (1000,), repeats=1)
+    # The solutions are tracked, not solved again.
+    row, baseline = run(problem, Method("optimal", StoredPlans(parameters, trajectories)), parameters, batches=())
+    rows, episodes = [replace(row, planning_seconds=planning)], {"optimal": baseline}
+    for method in [*methods, *variants(problem, methods), *stabiliser(problem)]:
+        row, episodes[method.name] = run(problem, method, parameters, optimal=trajectories, baseline=baseline)
+        rows.append(row)
+        cli.say(f"{method.name}: {row.metrics.success.count} of {len(parameters)}")
+    return difference, rows, episodes
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
-    parser.add_argument("--train", action="store_true", help="make data and models anew")
-    parser.add_argument("--cases", type=int, help="validation cases; all by default")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the training")
-    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
-    arguments = parser.parse_args()
-
-    torch.set_num_threads(1)  # the networks are far too small for more
-    began = time.perf_counter()
-    problem = ocp_envs.load(arguments.env)
+    parser = cli.parser(__doc__, seed=0, cases="validation instances")
+    parser.add_argument("--train", action="store_true", help="make data and models from nothing")
+    arguments = parser.parse()
+    cli.threads()
+    began, problem = time.perf_counter(), arguments.problem
     if arguments.train:
-        nearest, methods, validation = trained(problem, ROOT / "data" / "compare" / problem.id, arguments.seed)
-        parameters, costs = validation.parameters, validation.costs().min(axis=1)
+        folder = cli.DATA / "compare" / problem.id
+        databases = generated(problem, folder)
+        methods = trained(problem, databases, folder, arguments.seed)
+        parameters, costs = databases["validation"].parameters, databases["validation"].costs().min(axis=1)
     else:
-        methods = shipped(problem, ROOT / "results")
-        for name in benchmark_of(problem).learners.settings:
-            if name not in moe_policy.available(problem.id):
-                log(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
-        nearest = moe_policy.load(problem.id, "nearest")
+        methods = shipped(problem, cli.RECORDS)
+        for name in set(benchmark_of(problem).learners.settings) - set(moe_policy.available(problem.id)):
+            cli.say(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
         validation = reference.load(problem, "validation")
         parameters, costs = validation.parameters, validation.cost
     parameters, costs = parameters[: arguments.cases], costs[: arguments.cases]
-    log(f"{len(parameters)} starts of {problem.id}")
-
-    trajectories, found = solve_all(problem, parameters, nearest, ROOT / "data" / "optimal" / problem.id)
-    optimal = optimal_planner(problem, nearest)
-    timed = time_planner(optimal, parameters, (1,), repeats=20)
-    if len(parameters) >= 1000:  # fewer starts would be solved over and over
-        timed |= time_planner(optimal, parameters, (1000,), repeats=1)
-    planning = {str(batch): seconds for batch, seconds in timed.items()}
-    gap = np.abs(found / costs - 1)
-    same = int((gap < 1e-3).sum())
-    log(f"optimal trajectories: {np.isfinite(found).sum()} solved; {same} at the reference cost within 0.1 %")
-    # What was solved is followed, not solved again.
-    row, baseline = run(problem, Method("optimal", StoredPlans(parameters, trajectories)), parameters, batches=())
-    row["planning_seconds"] = planning
-    rows, outcomes = [row], [outcome("optimal", baseline, problem)]
-    for method in [*methods, *variants(problem, methods), *stabiliser(problem)]:
-        row, episodes = run(problem, method, parameters, optimal=trajectories, baseline=baseline)
-        rows.append(row)
-        outcomes.append(outcome(method.name, episodes, problem))
-        log(f"{method.name}: {row['success']['count']} of {len(parameters)}")
-
-    name = f"compare_trained_{problem.id}" if arguments.train else f"compare_{problem.id}"
-    record = {
-        "env_id": problem.id,
-        "cases": len(parameters),
-        "seed": arguments.seed,
-        "reference_gap": {"within_0.1_percent": same, "largest": float(gap[np.isfinite(gap)].max(initial=0.0))},
-        "seconds": time.perf_counter() - began,
-        "rows": rows,
-        "provenance": provenance(),
-    }
-    write_json(arguments.results / f"{name}.json", record)
-    comparison_figure(arguments.results / f"{name}.png", outcomes, problem.goal.radius)
-    log(f"\n{text_table(rows, COLUMNS)}")
-    log(f"{record['seconds']:.0f} s; written to {arguments.results / name}.json and .png")
+    cli.say(f"{len(parameters)} initial conditions of {problem.id}")
+    difference, rows, episodes = compare(problem, methods, parameters, costs)
+    record = Comparison(
+        env_id=problem.id,
+        cases=len(parameters),
+        seed=arguments.seed,
+        reference_difference=difference,
+        seconds=time.perf_counter() - began,
+        rows=tuple(rows),
+        provenance=provenance(),
+    )
+    path = arguments.results / f"compare{'_trained' if arguments.train else ''}_{problem.id}"
+    write(f"{path}.json", record)
+    metrics = {row.name: row.metrics for row in rows}
+    errors = {name: found.plan_end_error for name, found in episodes.items()}
+    comparison_figure(f"{path}.png", metrics, errors, problem.goal.radius)
+    cli.say(f"\n{text_table(rows, COLUMNS)}")
+    cli.say(f"{record.seconds:.0f} s; written to {path}.json and .png")
 
 
 if __name__ == "__main__":

@@ -64,8 +64,8 @@ def compare(
     episodes: dict[str, Episodes] = {}
     for method in [optimal, *methods]:
         row, made = run(problem, method, cases.parameters, baseline=episodes.get("optimal"), batches=())
-        rows[method.name], episodes[method.name] = row | {"judged": judged(problem, made)}, made
-        log(f"{split}, {method.name}: {row['success']['count']} of {len(cases)}")
+        rows[method.name], episodes[method.name] = row.to_json() | {"judged": judged(problem, made)}, made
+        log(f"{split}, {method.name}: {row.metrics.success.count} of {len(cases)}")
     return about, rows, episodes
 
 

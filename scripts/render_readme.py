@@ -10,16 +10,18 @@ import argparse
 import json
 import re
 import sys
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 from moe_policy.experiments.budgets import BUDGET_COLUMNS
-from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS
+from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, Comparison, Sensitivity
 from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
+from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
 from moe_policy.experiments.records import read
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
 from moe_policy.experiments.splits import SPLIT_COLUMNS
-from moe_policy.experiments.summary import OVERVIEW_COLUMNS, summary_columns
+from moe_policy.experiments.summary import summary_columns
 from moe_policy.experiments.tables import Column, markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -32,11 +34,9 @@ def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
         return BUDGET_COLUMNS
     if name == "table_summary":
         return summary_columns(record)
-    if name == "table_overview":
-        return OVERVIEW_COLUMNS
     if name.startswith("compare_splits"):
         return SPLIT_COLUMNS
-    return TRAINING_COLUMNS if name.startswith(("compare_training", "table_training")) else COLUMNS
+    return TRAINING_COLUMNS
 
 
 def table_of(name: str, part: str | None) -> str:
@@ -46,6 +46,12 @@ def table_of(name: str, part: str | None) -> str:
         if part == "planning":
             return markdown_table(planning_rows(latency), PLANNING_COLUMNS)
         return markdown_table(latency.solver, SOLVER_COLUMNS)
+    if name == "table_overview":
+        return markdown_table(read(path, OverviewTable).rows, OVERVIEW_COLUMNS)
+    if name.startswith("sensitivity"):
+        return markdown_table(read(path, Sensitivity).rows, COLUMNS)
+    if fnmatch(name, "compare_[!st]*"):
+        return markdown_table(read(path, Comparison).rows, COLUMNS)
     record = json.loads(path.read_text())
     return markdown_table(record[part or "rows"], columns_of(name, record))
 

@@ -28,14 +28,14 @@ import torch
 import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import TRAINING_COLUMNS
+from moe_policy.experiments.comparison import TRAINING_COLUMNS, Comparison
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.phase import mixture_figure
+from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewRow, overview_rows
+from moe_policy.experiments.records import read
 from moe_policy.experiments.summary import (
-    OVERVIEW_COLUMNS,
     beside_published,
     model_record,
-    overview_rows,
     row_of,
     summarised,
     summary_columns,
@@ -57,6 +57,7 @@ TRAINED = PENDULUM.id
 TABLES = ("overview", "training", "summary")
 #: A sketch, the paper's second figure, belongs to no problem.
 SKETCH = "mixture"
+OVERVIEW_KEYS = tuple(column.of_part(OverviewRow.from_json) for column in OVERVIEW_COLUMNS)
 #: Starts of the comparisons of the quick form.
 COMPARED = 200
 
@@ -112,12 +113,12 @@ class Source:
         subprocess.run([*command, "--results", str(self.results)], check=True)
 
     @cached_property
-    def comparison(self) -> dict[str, Any]:
-        """The record of the comparison with reinforcement learning; in the quick form on the first starts alone."""
+    def comparison(self) -> Comparison:
+        """The comparison with reinforcement learning; in the quick form from the first initial conditions alone."""
         path = self.results / f"compare_{self.problem.id}.json"
         if self.quick or not path.exists():
             self._run("compare_rl_vs_moe.py", *(("--cases", str(COMPARED)) if self.quick else ()))
-        return dict(json.loads(path.read_text()))
+        return read(path, Comparison)
 
     @cached_property
     def record(self) -> Path:
@@ -173,8 +174,8 @@ class Source:
 def table(name: str, sources: dict[str, Source]) -> tuple[dict[str, Any], tuple[Column, ...]]:
     """The record of the table ``name``, and its columns."""
     if name == "overview":
-        rows = overview_rows({problem.id: sources[problem.id].comparison for problem in BENCHMARK})
-        return {"rows": rows}, OVERVIEW_COLUMNS
+        found = [overview_rows(sources[p.id].comparison, benchmark_of(p).overview) for p in BENCHMARK]
+        return {"rows": [row.to_json() for rows in found for row in rows]}, OVERVIEW_KEYS
     if name == "training":
         return {"rows": sources[TRAINED].rows}, TRAINING_COLUMNS
     wanted = [problem for problem in BENCHMARK if summarised(problem)]

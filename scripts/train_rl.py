@@ -63,7 +63,9 @@ def judge(problem: OptimalControlProblem, run: TrainingRun) -> dict[str, Any]:
     """The chosen policy on the validation set."""
     parameters = reference.load(problem, "validation").parameters
     row, _ = comparison.run(problem, Method("learner", run.policy), parameters, batches=())
-    return {key: row[key] for key in ("reached", "success", "left_box")}
+    metrics = row.metrics
+    validation = {"reached": metrics.reached.to_json(), "success": metrics.success.to_json()}
+    return validation | {"left_box": metrics.left_box}
 
 
 def parse_arguments() -> argparse.Namespace:

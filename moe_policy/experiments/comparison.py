@@ -1,115 +1,280 @@
-"""The comparison of planners and policies on the same starts: how each becomes a policy, and its row of the table.
+"""The comparison of methods from the same initial conditions: one row each, and the table of the rows.
 
-A planner is tracked with LQR and holds the goal after its plan. A learned policy acts until it first enters the goal
-ball and then holds the goal too, where the goal can be held. Rows are plain records, as they stand in the JSON files;
-the columns say how they are written.
+A planner is tracked with LQR and the goal is regulated after its plan. A learned policy acts until it first enters the
+goal ball; from then on the goal is regulated, too, where the problem allows it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+
+import numpy as np
 
 from moe_policy.control.weights import TrackingWeights
-from moe_policy.experiments.figures.comparison import Outcome
 from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.tables import duration, keyed, proportion
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
+from moe_policy.experiments.tables import Column, duration, keyed, proportion
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.prediction_error import validation_error
+from moe_policy.protocols import Planner
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.episodes import Episodes
-from moe_policy.rollouts.intervals import Proportion
-from moe_policy.rollouts.metrics import evaluate
+from moe_policy.rollouts.metrics import Metrics, evaluate
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.provenance import Provenance
 from ocp_envs.trajectory import Trajectory
 
-#: Episodes that run at once; a plan's gains, references and metrics for 10,000 episodes do not fit into memory.
+#: Episodes that run at once: the gains, references and metrics of 10,000 plans would need gigabytes.
 BATCH = 500
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonRow(Record):
+    """One method of a comparison.
+
+    Args:
+        name: of the method.
+        data: what it learnt from; ``None`` where nothing was learnt.
+        training_seconds: duration of its training without the generation of data; ``None`` where nothing was learnt.
+        metrics: of its episodes; costs are compared with the tracked optimum.
+        planning_seconds: seconds per plan by batch size, of a planner.
+        parameters_total: number of its weights or stored values; ``None`` where it has none.
+        parameters_active: number of those that one plan uses.
+        test_error: smooth L1 loss of a network on its test split.
+        validation_error: the same of its predictions for the cases; ``None`` where no optimum is known.
+    """
+
+    name: str
+    data: str | None
+    training_seconds: float | None
+    metrics: Metrics = inline()
+    planning_seconds: dict[str, float] | Absent = ABSENT
+    parameters_total: int | None
+    parameters_active: int | None
+    test_error: float | Absent = ABSENT
+    validation_error: float | Absent | None = ABSENT
+
+
+@dataclass(frozen=True, kw_only=True)
+class CostDifference(Record):
+    """How far the costs of the optimal planner are from the reference, |J / J_ref − 1|.
+
+    Args:
+        within: number of cases within 0.1 %.
+        largest: maximum over the solved cases.
+    """
+
+    within: int = renamed("within_0.1_percent")
+    largest: float
+
+    @classmethod
+    def of(cls, costs: Array, reference: Array) -> CostDifference:
+        """The difference of ``costs`` (B,), not finite where unsolved, from ``reference`` (B,)."""
+        difference = np.abs(costs / reference - 1)
+        within = int((difference < 1e-3).sum())
+        return cls(within=within, largest=float(difference[np.isfinite(difference)].max(initial=0.0)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison(Record):
+    """All methods of one problem on the validation set: ``compare_<env>.json`` and ``compare_trained_<env>.json``.
+
+    Args:
+        env_id: id of the problem.
+        cases: number of initial conditions.
+        seed: of the training, where the models were made for the comparison.
+        reference_difference: of the optimal planner's costs from the reference.
+        seconds: duration of the run.
+        rows: one for each method.
+        provenance: of the record.
+    """
+
+    env_id: str
+    cases: int
+    seed: int
+    reference_difference: CostDifference = renamed("reference_gap")
+    seconds: float
+    rows: tuple[ComparisonRow, ...]
+    provenance: Provenance
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarginRow(Record):
+    """One planner with one margin.
+
+    Args:
+        margin: added to the parameter; ``None`` for the optimum.
+        row: as in a comparison.
+    """
+
+    margin: float | None
+    row: ComparisonRow = inline()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Margins(Record):
+    """Planners that are asked to exceed a parameter by several margins: ``margin_<env>.json``.
+
+    Args:
+        env_id: id of the problem.
+        split: set of the initial conditions.
+        parameter: name of the parameter that is enlarged.
+        cases: number of initial conditions.
+        rows: the optimum, then all margins of each planner.
+        provenance: of the record.
+    """
+
+    env_id: str
+    split: str
+    parameter: str
+    cases: int
+    rows: tuple[MarginRow, ...]
+    provenance: Provenance
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingRow(Record):
+    """One planner tracked with one choice of weights Q = I, R = r I.
+
+    Args:
+        control: r.
+        terminal: s of the terminal weight s I; ``None`` for that of the infinite horizon.
+        room: control authority ρ that is left for tracking.
+        row: as in a comparison.
+    """
+
+    control: float
+    terminal: float | None
+    room: float
+    row: ComparisonRow = inline()
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingChoice(Record):
+    """A grid of tracking weights: ``tracking_<env>.json``.
+
+    Args:
+        env_id: id of the problem.
+        split: set of the initial conditions.
+        cases: number of initial conditions.
+        rows: all planners with each choice.
+        provenance: of the record.
+    """
+
+    env_id: str
+    split: str
+    cases: int
+    rows: tuple[TrackingRow, ...]
+    provenance: Provenance
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitivity(Record):
+    """A comparison on a changed problem: ``sensitivity_<env>.json``.
+
+    Args:
+        env_id: id of the changed problem.
+        cases: number of initial conditions.
+        rows: one for each method.
+        provenance: of the record.
+    """
+
+    env_id: str
+    cases: int
+    rows: tuple[ComparisonRow, ...]
+    provenance: Provenance
 
 
 def run(
     problem: OptimalControlProblem,
     method: Method,
-    starts: Array,
+    parameters: Array,
     *,
     optimal: Trajectory | None = None,
     baseline: Episodes | None = None,
     dt: float = 0.02,
     weights: TrackingWeights | None = None,
     batches: tuple[int, ...] = (1, 1000),
-) -> tuple[dict[str, Any], Episodes]:
-    """Roll ``method`` out from ``starts`` and describe how it did.
+) -> tuple[ComparisonRow, Episodes]:
+    """Roll ``method`` out and evaluate it.
 
     Args:
         problem: the problem.
-        method: who acts.
-        starts: parameters of the episodes, (B, np).
-        optimal: the optimal trajectories from them, for the prediction error of networks.
-        baseline: the episodes costs are compared with; a method's own where not given.
+        method: what acts.
+        parameters: p of the episodes, (B, np).
+        optimal: optimal trajectories for them, for the prediction error of networks.
+        baseline: the episodes with which costs are compared; the method's own where not given.
         dt: control period, seconds.
-        weights: of tracking and hold; the problem's own where not given.
-        batches: sizes of the batches whose planning is timed.
+        weights: of tracking and terminal regulation; the problem's own where not given.
+        batches: batch sizes for which planning is timed.
 
     Returns:
-        the row as a JSON record, and the episodes.
+        the row and the episodes.
     """
-    envs = environments(problem, min(len(starts), BATCH), dt)
-    episodes = rollout(envs, method.policy(problem, dt, weights), starts)
+    envs = environments(problem, min(len(parameters), BATCH), dt)
+    episodes = rollout(envs, method.policy(problem, dt, weights), parameters)
     envs.close()
     planner = method.planner
-    row: dict[str, Any] = {"name": method.name, "data": method.data, "training_seconds": method.seconds}
-    row |= evaluate(problem, episodes, episodes if baseline is None else baseline).record()
-    if planner is not None:
-        row["planning_seconds"] = {str(k): v for k, v in time_planner(planner, starts, batches).items()}
-    for size in ("parameters_total", "parameters_active"):
-        row[size] = getattr(method.actor, size, None)
-    if isinstance(planner, NetworkPlanner):
-        row["test_error"] = planner.details["training"]["test_error"]
-        row["validation_error"] = None
-        if optimal is not None and optimal.finite.any():
-            known = optimal.finite
-            row["validation_error"] = validation_error(planner, starts[known], optimal[known])
+    network = planner if isinstance(planner, NetworkPlanner) else None
+    row = ComparisonRow(
+        name=method.name,
+        data=method.data,
+        training_seconds=method.seconds,
+        metrics=evaluate(problem, episodes, episodes if baseline is None else baseline),
+        planning_seconds=ABSENT if planner is None else planning_seconds(planner, parameters, batches),
+        parameters_total=getattr(method.actor, "parameters_total", None),
+        parameters_active=getattr(method.actor, "parameters_active", None),
+        test_error=ABSENT if network is None else network.details["training"]["test_error"],
+        validation_error=ABSENT if network is None else _prediction(network, parameters, optimal),
+    )
     return row, episodes
 
 
-def outcome(name: str, episodes: Episodes, problem: OptimalControlProblem) -> Outcome:
-    """What the comparison's figure shows of ``episodes``."""
-    metrics = evaluate(problem, episodes)
-    errors = episodes.plan_end_error if metrics.success_at_plan_end is not None else None
-    return Outcome(name, metrics.success, metrics.success_at_plan_end, errors)
+def _prediction(planner: NetworkPlanner, parameters: Array, optimal: Trajectory | None) -> float | None:
+    if optimal is None or not (known := optimal.finite).any():
+        return None
+    return validation_error(planner, parameters[known], optimal[known])
 
 
-# -- the table ---------------------------------------------------------------------------------------------------------
+def planning_seconds(
+    planner: Planner, parameters: Array, batches: tuple[int, ...], repeats: int = 5
+) -> dict[str, float]:
+    """Seconds per plan by batch size, as in the records.
+
+    Args:
+        planner: the planner.
+        parameters: p of the plans, (B, np).
+        batches: the batch sizes.
+        repeats: timed calls for each size.
+    """
+    return {str(size): seconds for size, seconds in time_planner(planner, parameters, batches, repeats).items()}
 
 
-def _share(record: Mapping[str, Any]) -> str:
-    return proportion(Proportion(record["count"], record["total"]))
+def _planning(size: str) -> Callable[[ComparisonRow], float | None]:
+    return lambda row: (present(row.planning_seconds) or {}).get(size)
 
 
-def _of(key: str, form: Callable[[Any], str]) -> Callable[[Any], str]:
-    return lambda record: form(record[key]) if record.get(key) is not None else "–"
-
-
-COLUMNS = (
-    keyed("name", "policy"),
-    keyed("reached", "reached", lambda record: str(record["count"])),
-    keyed("success", "success (95 % interval)", _share),
-    keyed("success_at_plan_end", "… at the plan's end", _share),
-    keyed("plan_end_error_median", "error there", ".2g"),
-    keyed("knot_violation_mean", "mean violation at knots, m", ".3f"),
-    keyed("violation_mean", "… on the whole path", ".3f"),
-    keyed("cost_ratio", "cost / optimal", _of("ratio", "{:.3f}".format)),
-    keyed("test_error", "test error", ".2g"),
-    keyed("validation_error", "validation error", ".2g"),
-    keyed("planning_seconds", "plan, batch 1", _of("1", duration)),
-    keyed("planning_seconds", "… batch 1000", _of("1000", duration)),
-    keyed("data", "learnt from"),
-    keyed("parameters_total", "weights", ","),
-    keyed("parameters_active", "… active", ","),
-    keyed("training_seconds", "training", duration),
+COLUMNS: tuple[Column[ComparisonRow], ...] = (
+    Column("policy", lambda row: row.name),
+    Column("reached", lambda row: row.metrics.reached.count),
+    Column("success (95 % interval)", lambda row: row.metrics.success, proportion),
+    Column("… at the plan's end", lambda row: row.metrics.success_at_plan_end, proportion),
+    Column("error there", lambda row: row.metrics.plan_end_error_median, ".2g"),
+    Column("mean violation at knots, m", lambda row: row.metrics.knot_violation_mean, ".3f"),
+    Column("… on the whole path", lambda row: row.metrics.violation_mean, ".3f"),
+    Column("cost / optimal", lambda row: row.metrics.relative_cost, ".3f"),
+    Column("test error", lambda row: row.test_error, ".2g"),
+    Column("validation error", lambda row: row.validation_error, ".2g"),
+    Column("plan, batch 1", _planning("1"), duration),
+    Column("… batch 1000", _planning("1000"), duration),
+    Column("learnt from", lambda row: row.data),
+    Column("weights", lambda row: row.parameters_total, ","),
+    Column("… active", lambda row: row.parameters_active, ","),
+    Column("training", lambda row: row.training_seconds, duration),
 )
 
 
@@ -129,10 +294,10 @@ TRAINING_COLUMNS = (
     keyed("success_spread", "success, median (range)", _median),
     keyed("paper_success", "paper", "d"),
     keyed("success_at_plan_end_spread", "at the plan's end", _median),
-    keyed("knot_violation_spread", "mean violation at knots, m", _of("median", "{:.3f}".format)),
+    keyed("knot_violation_spread", "mean violation at knots, m", lambda row: f"{row['median']:.3f}"),
     keyed("paper_violation", "paper", ".3f"),
-    keyed("violation_spread", "… on the whole path", _of("median", "{:.3f}".format)),
-    keyed("validation_error_spread", "validation error", _of("median", _error)),
+    keyed("violation_spread", "… on the whole path", lambda row: f"{row['median']:.3f}"),
+    keyed("validation_error_spread", "validation error", lambda row: _error(row["median"])),
     keyed("paper_validation_error", "paper", _error),
-    keyed("test_error_spread", "test error", _of("median", "{:.4f}".format)),
+    keyed("test_error_spread", "test error", lambda row: f"{row['median']:.4f}"),
 )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -49,13 +49,15 @@ def model_record(planner: NetworkPlanner, validation: Samples) -> Record:
     problem = planner.problem
     method = Method(planner.name, planner)
     row, _ = comparison.run(problem, method, validation.parameters, optimal=validation.trajectory, batches=())
+    at_end = row.metrics.success_at_plan_end
+    assert at_end is not None
     return training_record(planner) | {
-        "success": row["success"]["count"],
-        "success_at_plan_end": row["success_at_plan_end"]["count"],
-        "reached": row["reached"]["count"],
-        "violation": row["violation_mean"],
-        "knot_violation": row["knot_violation_mean"],
-        "validation_error": row["validation_error"],
+        "success": row.metrics.success.count,
+        "success_at_plan_end": at_end.count,
+        "reached": row.metrics.reached.count,
+        "violation": row.metrics.violation_mean,
+        "knot_violation": row.metrics.knot_violation_mean,
+        "validation_error": row.validation_error,
     }
 
 
@@ -188,59 +190,3 @@ def _rollout(row: Record, cases: int) -> str:
     if "paper_violation" in row:
         return _beside(f"−{row['knot_violation_spread']['median']:.3f} m", f"−{row['paper_violation']:.3f} m")
     return _beside(f"{row['success_spread']['median']:.0f} of {cases:,}", f"{row.get('paper_success', DASH)}")
-
-
-# -- the overview ------------------------------------------------------------------------------------------------------
-
-_LEARNERS = ("sac", "tqc", "ppo")
-#: What the overview compares: title, and which names of a comparison's rows belong to it, the best of which counts.
-_WHO: Mapping[str, Callable[[str], bool]] = {
-    "optimal": lambda name: name == "optimal",
-    "nearest": lambda name: name == "nearest",
-    "SNN": lambda name: name == "snn",
-    "MoE, custom": lambda name: name == "moe-custom",
-    "MoE, k-means": lambda name: name.startswith("moe-kmeans-") and "," not in name,
-    "RL": lambda name: name in _LEARNERS,
-    "stabiliser": lambda name: name == "stabiliser",
-}
-OVERVIEW_COLUMNS = (keyed("problem", "problem"), keyed("measure", "measure"), *(keyed(who, who) for who in _WHO))
-
-
-def _count(row: Record, key: str) -> str | None:
-    return None if row.get(key) is None else str(row[key]["count"])
-
-
-def _three(value: float | None) -> str | None:
-    return None if value is None else f"{value:.3f}"
-
-
-def _ratio(row: Record) -> str | None:
-    return None if row.get("cost_ratio") is None else _three(row["cost_ratio"]["ratio"])
-
-
-def overview_rows(records: Mapping[str, Record]) -> list[Record]:
-    """A few rows of texts for each problem, made of the records of its comparison by id of the problem."""
-    rows = []
-    for env_id, record in records.items():
-        cases = f"{record['cases']:,}"
-        measures: list[tuple[str, Callable[[Record], str | None]]] = [
-            (f"success of {cases}", lambda row: _count(row, "success")),
-            ("… at the plan's end", lambda row: _count(row, "success_at_plan_end")),
-            ("cost / optimal", _ratio),
-        ]
-        chosen = {}
-        for who, belongs in _WHO.items():
-            found = [row for row in record["rows"] if belongs(row["name"])]
-            if found:
-                chosen[who] = max(found, key=lambda row: int(row["success"]["count"]))
-        if any(row.get("knot_violation_mean") is not None for row in chosen.values()):
-            measures.insert(0, ("mean violation, m", lambda row: _three(row.get("knot_violation_mean"))))
-        if all(row["success"] == row["success_at_plan_end"] for row in chosen.values() if row["success_at_plan_end"]):
-            del measures[-2]  # a goal that cannot be held: the two are one
-        named = False
-        for i, (measure, text) in enumerate(measures):
-            cells: Record = {who: text(row) for who, row in chosen.items()}
-            if not named and cells.get("RL"):
-                named, cells["RL"] = True, f"{cells['RL']} ({chosen['RL']['name']})"
-            rows.append({"problem": env_id if i == 0 else "", "measure": measure} | cells)
-    return rows

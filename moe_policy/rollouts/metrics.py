@@ -55,6 +55,11 @@ class Metrics:
     knot_violation_mean: float | None
     knot_violation_max: float | None
 
+    @property
+    def relative_cost(self) -> float | None:
+        """Cost / cost of the baseline; ``None`` without one, or where the two never reach the goal together."""
+        return None if self.cost_ratio is None else self.cost_ratio.ratio
+
     def record(self) -> dict[str, Any]:
         """As JSON: fractions with their intervals, absent figures as ``None``."""
         record = asdict(self)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,13 +9,16 @@ import pytest
 from moe_policy.control.stabiliser import Stabilised, Stabiliser
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments import comparison
-from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS
+from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, ComparisonRow, CostDifference
 from moe_policy.experiments.methods import Method
+from moe_policy.experiments.records import ABSENT
 from moe_policy.experiments.tables import DASH, markdown_table
 from moe_policy.learning import recipes
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.prediction_error import validation_error
 from moe_policy.planners.stored import StoredPlans
+from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.metrics import CostRatio
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.sets.sampling import sample
@@ -69,9 +73,9 @@ def test_everybody_becomes_a_policy(solved):
 def test_solved_plans_succeed_at_their_own_cost(solved, baseline):
     p, _, cost = solved
     row, episodes = baseline
-    assert row["success"]["count"] == row["success"]["total"] == len(p)
-    assert row["success_at_plan_end"]["count"] == len(p)
-    assert row["cost_ratio"] == {"ratio": 1.0, "episodes": len(p)}
+    assert row.metrics.success == Proportion(len(p), len(p))
+    assert row.metrics.success_at_plan_end == Proportion(len(p), len(p))
+    assert row.metrics.cost_ratio == CostRatio(1.0, len(p))
     # The cost counts up to the first entry into the ball, a little before the plan's end.
     assert (episodes.cost < cost * (1 + 1e-3)).all()
     assert (episodes.cost > 0.8 * cost).all()
@@ -92,11 +96,11 @@ def test_rows_of_networks_have_every_column(solved, baseline, network):
     row, _ = comparison.run(PENDULUM, method, p, optimal=plan, baseline=baseline[1], batches=(1, 3))
     shown = {column.title for column in COLUMNS if column.cell(row) != DASH}
     assert {"policy", "test error", "validation error", "plan, batch 1", "weights", "training"} <= shown
-    assert row == json.loads(json.dumps(row))
-    assert set(row["planning_seconds"]) == {"1", "3"}
-    assert row["validation_error"] == validation_error(network, p, plan)
-    assert row["test_error"] == network.report.test_error
-    assert (row["parameters_total"], row["training_seconds"]) == (network.parameters_total, 1.5)
+    assert ComparisonRow.from_json(json.loads(json.dumps(row.to_json()))) == row
+    assert set(row.planning_seconds) == {"1", "3"}
+    assert row.validation_error == validation_error(network, p, plan)
+    assert row.test_error == network.report.test_error
+    assert (row.parameters_total, row.training_seconds) == (network.parameters_total, 1.5)
     *_, line = markdown_table([row], COLUMNS).splitlines()
     assert f"{network.parameters_total:,}" in line
     assert "100 solutions" in line
@@ -105,10 +109,10 @@ def test_rows_of_networks_have_every_column(solved, baseline, network):
 def test_what_a_policy_without_a_plan_has_not_is_a_dash(solved, baseline):
     p, _, _ = solved
     row, episodes = comparison.run(PENDULUM, Method("zero", Zero()), p, baseline=baseline[1])
-    absent = {"success_at_plan_end", "plan_end_error_median", "parameters_total", "parameters_active", "data"}
-    assert all(row[key] is None for key in absent)
-    assert "planning_seconds" not in row
-    lines = markdown_table([baseline[0] | {"parameters_total": 1, "parameters_active": 1, "data": "-"}, row], COLUMNS)
+    assert (row.metrics.success_at_plan_end, row.metrics.plan_end_error_median) == (None, None)
+    assert (row.parameters_total, row.parameters_active, row.data) == (None, None, None)
+    assert {row.planning_seconds, row.test_error, row.validation_error} == {ABSENT}
+    lines = markdown_table([replace(baseline[0], parameters_total=1, parameters_active=1, data="-"), row], COLUMNS)
     head, *_, cells = [line.strip("| ").split(" | ") for line in lines.splitlines()]
     texts = dict(zip(head, cells))
     assert texts["policy"] == "zero"
@@ -116,15 +120,14 @@ def test_what_a_policy_without_a_plan_has_not_is_a_dash(solved, baseline):
         DASH
     }
     assert not {"test error", "… on the whole path"} & set(head)  # nobody has one
-    shown = comparison.outcome("zero", episodes, PENDULUM)
-    assert (shown.success_at_plan_end, shown.errors) == (None, None)
+    assert np.isnan(episodes.plan_end_error).all()
 
 
-def test_outcomes_show_the_errors_of_plans(baseline):
-    row, episodes = baseline
-    shown = comparison.outcome("optimal", episodes, PENDULUM)
-    assert shown.success.count == row["success"]["count"]
-    np.testing.assert_array_equal(shown.errors, episodes.plan_end_error)
+def test_costs_are_compared_with_the_reference():
+    found = CostDifference.of(np.array([1.0, 2.02, np.inf, 3.0]), np.array([1.0, 2.0, 1.0, 3.001]))
+    assert found == CostDifference(within=2, largest=pytest.approx(0.01))
+    assert found.to_json() == {"within_0.1_percent": 2, "largest": pytest.approx(0.01)}
+    assert CostDifference.of(np.array([np.inf]), np.ones(1)) == CostDifference(within=0, largest=0.0)
 
 
 def test_environments_run_on_beyond_the_goal():

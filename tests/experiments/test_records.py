@@ -7,9 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.failures import Diagnosis
 from moe_policy.experiments.latency import Latency
+from moe_policy.experiments.overview import OverviewTable
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from moe_policy.experiments.speed.environments import EnvironmentSpeed
 from moe_policy.experiments.speed.generation import GenerationSpeed
@@ -28,24 +30,24 @@ TYPES: dict[str, type[Record]] = {
     "benchmark_planning_*": Latency,
     "benchmark_rollout_*": RolloutSpeed,
     "benchmark_solver_*": SolverSpeed,
+    "compare_[GPQ]*": Comparison,
+    "compare_trained_*": Comparison,
+    "margin_*": Margins,
+    "sensitivity_*": Sensitivity,
+    "table_overview.json": OverviewTable,
 }
 #: Patterns of the files that have no type yet.
 UNTYPED = (
     "budgets_*",
-    "compare_[GPQ]*",
     "compare_splits_*",
-    "compare_trained_*",
     "compare_training_*",
     "data_quality_*",
     "generation_*",
     "interruptions_*",
-    "margin_*",
     "robustness_*",
     "search_*",
-    "sensitivity_*",
     "splits_*",
     "starts_*",
-    "table_overview.json",
     "table_summary.json",
     "table_training.json",
     "training_*",

@@ -3,11 +3,10 @@
 import dataclasses
 
 import numpy as np
-import pytest
 
 from moe_policy.experiments.benchmark import BENCHMARKS
 from moe_policy.experiments.benchmark.published import Published
-from moe_policy.experiments.summary import overview_rows, row_of, summarised, training_record
+from moe_policy.experiments.summary import row_of, summarised, training_record
 from moe_policy.learning.clustering import cluster
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture, fit_single
@@ -55,42 +54,3 @@ def test_the_papers_six_columns():
             described = [figures.cluster_sizes, figures.gate_accuracy, figures.expert_test_error]
             assert len({value is None for value in described}) == 1, name
             assert np.isfinite([v for v in dataclasses.astuple(figures) if isinstance(v, float)]).all()
-
-
-def share(count):
-    return {"count": count, "total": 10}
-
-
-def compared(name, count, at_end, ratio=1.0, violation=None):
-    return {
-        "name": name,
-        "success": share(count),
-        "success_at_plan_end": None if at_end is None else share(at_end),
-        "cost_ratio": {"ratio": ratio},
-        "knot_violation_mean": violation,
-    }
-
-
-def test_the_overview_takes_the_best_of_each_kind():
-    rows = [
-        compared("optimal", 10, 10),
-        compared("moe-kmeans-4", 7, 6),
-        compared("moe-kmeans-10", 9, 5, 1.25),
-        compared("sac", 3, None),
-        compared("ppo", 4, None),
-        compared("snn, radius + 0.1", 10, 10),
-    ]
-    table = overview_rows({"X-v0": {"cases": 10, "rows": rows}})
-    assert [row["measure"] for row in table] == ["success of 10", "… at the plan's end", "cost / optimal"]
-    assert [row["problem"] for row in table] == ["X-v0", "", ""]
-    assert (table[0]["MoE, k-means"], table[1]["MoE, k-means"], table[2]["MoE, k-means"]) == ("9", "5", "1.250")
-    assert table[0]["RL"] == "4 (ppo)"
-    assert "SNN" not in table[0]
-
-
-@pytest.mark.parametrize("violation", [None, 0.0625])
-def test_the_overview_shows_what_a_problem_has(violation):
-    rows = [compared("optimal", 10, 10, violation=violation), compared("snn", 8, 8, violation=violation)]
-    measures = [row["measure"] for row in overview_rows({"X-v0": {"cases": 10, "rows": rows}})]
-    expected = ["success of 10", "cost / optimal"]  # before and after a hold are the same
-    assert measures == expected if violation is None else ["mean violation, m", *expected]

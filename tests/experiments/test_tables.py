@@ -1,8 +1,5 @@
-import numpy as np
 import pytest
 
-from moe_policy.experiments.figures.comparison import Outcome, comparison_figure
-from moe_policy.experiments.figures.style import looks, save_figure
 from moe_policy.experiments.tables import duration, keyed, markdown_table, proportion, text_table
 from moe_policy.rollouts.intervals import Proportion
 
@@ -47,58 +44,3 @@ def test_text_is_aligned():
 )
 def test_durations(seconds, text):
     assert duration(seconds) == text
-
-
-def test_variants_share_the_colour_of_their_policy():
-    names = ["optimal", "snn", "moe-custom", "snn, half turn", "snn, radius + 0.1", "moe-custom, half turn"]
-    found = looks([*names, "snn"])
-    assert list(found) == names
-    colors = [found[name]["color"] for name in names]
-    assert len(set(colors)) == 3
-    assert colors[1] == colors[3] == colors[4]
-    assert colors[2] == colors[5]
-    assert len({tuple(look.values()) for look in found.values()}) == len(names)
-
-
-def test_comparison_figure_is_a_png(tmp_path):
-    pytest.importorskip("matplotlib")
-    errors = np.random.default_rng(0).lognormal(-4, 1, 200)
-    outcomes = [
-        Outcome("optimal", Proportion(1000, 1000), Proportion(1000, 1000), errors),
-        Outcome("SAC", Proportion(950, 1000)),
-        Outcome("wild", Proportion(3, 1000), Proportion(1, 1000), np.full(5, np.nan)),
-    ]
-    path = comparison_figure(tmp_path / "new" / "comparison.png", outcomes, 0.1)
-    assert path.read_bytes().startswith(b"\x89PNG")
-    assert [p.name for p in path.parent.iterdir()] == ["comparison.png"]
-
-
-def test_figures_keep_their_colours(tmp_path):
-    pytest.importorskip("matplotlib")
-    from PIL import Image
-
-    def stripes(figure):
-        axes = figure.subplots()
-        axes.imshow([[[1, 1, 1], [0.8, 0.1, 0.2], [0, 0, 1]]], aspect="auto", interpolation="nearest")
-        axes.set_axis_off()
-
-    with Image.open(save_figure(tmp_path / "figure.png", (3, 1), stripes)) as image:
-        middle = image.size[1] // 2
-        found = [image.convert("RGB").getpixel((round(image.size[0] * x), middle)) for x in (1 / 6, 1 / 2, 5 / 6)]
-        assert image.mode == "P"
-        assert image.info["dpi"] == pytest.approx((160, 160), abs=0.1)
-    np.testing.assert_allclose(found, [(255, 255, 255), (204, 26, 51), (0, 0, 255)], atol=1)
-
-
-def test_a_failed_figure_leaves_the_old_file(tmp_path):
-    pytest.importorskip("matplotlib")
-    path = tmp_path / "figure.png"
-    path.write_bytes(b"old")
-
-    def broken(figure):
-        raise RuntimeError("no")
-
-    with pytest.raises(RuntimeError):
-        save_figure(path, (2, 2), broken)
-    assert path.read_bytes() == b"old"
-    assert list(tmp_path.iterdir()) == [path]

@@ -7,6 +7,7 @@ import functools
 import importlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -166,14 +167,15 @@ def test_compare_with_the_shipped_models(script, run, tmp_path, capsys):
     # The optimum is the cheapest; only the way into the goal ball may be a little shorter.
     assert all(row["cost_ratio"]["ratio"] > 0.99 for row in rows.values())
     assert record["reference_gap"]["within_0.1_percent"] >= 19
-    assert text_table(record["rows"], comparison.COLUMNS) in capsys.readouterr().out
+    typed = comparison.Comparison.from_json(record)
+    assert text_table(typed.rows, comparison.COLUMNS) in capsys.readouterr().out
 
 
 @pytest.mark.slow
 def test_compare_makes_everything_anew(script, run, monkeypatch, tmp_path):
     module = script("compare_rl_vs_moe")
     with_tiny_splits(monkeypatch, module)
-    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module.cli, "DATA", tmp_path / "data")
     short = SACSettings(steps=400, learning_starts=200, n_envs=4, hidden=(8, 8), evaluate_every=200)
     benchmark = module.benchmark_of(PENDULUM)
     training = dataclasses.replace(benchmark.training, settings=QUICK)
@@ -325,7 +327,7 @@ def test_render_readme(script, run, monkeypatch, tmp_path):
     path = tmp_path / "README.md"
     path.write_text("before\n<!-- table: compare_X -->\nold\n<!-- end -->\nafter\n")
     (tmp_path / "results").mkdir()
-    (tmp_path / "results" / "compare_X.json").write_text(json.dumps({"rows": [{"name": "snn", "test_error": 0.12}]}))
+    shutil.copy(ROOT / "results" / "compare_PendulumSwingup-v0.json", tmp_path / "results" / "compare_X.json")
     assert run(module, "--check") == 1
     assert "old" in path.read_text()
     assert run(module) == 0
@@ -333,8 +335,7 @@ def test_render_readme(script, run, monkeypatch, tmp_path):
     assert text.startswith("before\n<!-- table: compare_X -->\n")
     assert text.endswith("<!-- end -->\nafter\n")
     assert "old" not in text
-    assert "| snn |" in text
-    assert "| 0.12 |" in text
+    assert "\n| moe-custom | 1000 | 1000 (99.6–100.0 %) |" in text
     assert run(module, "--check") == 0
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
+from moe_policy.experiments.comparison import MarginRow
 from moe_policy.experiments.figures.cases import find_flip, plan_violations
 from moe_policy.experiments.figures.style import COLORS, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
@@ -319,33 +320,31 @@ def violations_figure(path: str | os.PathLike[str], violations: Mapping[str, Arr
     return save_figure(path, (5.6, 3.6), draw)
 
 
-def margins_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]]) -> Path:
-    """Mean violation at the knots against the cost, along margins: a curve for each planner, the optimum a star.
+def margins_figure(path: str | os.PathLike[str], rows: Sequence[MarginRow]) -> Path:
+    """Mean violation at the knots against the cost, along margins: a curve for each planner, a star for the optimum.
 
     Args:
         path: file to write.
-        rows: of the comparison, with ``margin`` (``None`` for the optimum).
+        rows: of the optimum, and of each planner with all margins.
     """
-    names = dict.fromkeys(row["name"] for row in rows if row["margin"] is not None)
+    curves: dict[str, list[MarginRow]] = {}
+    for row in rows:
+        curves.setdefault(row.row.name, []).append(row)
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for name, color in zip(names, COLORS):
-            points = [row for row in rows if row["name"] == name and row["margin"] is not None]
-            cost = [100 * (row["cost_ratio"]["ratio"] - 1) for row in points]
-            axes.plot(cost, [row["knot_violation_mean"] for row in points], "o-", color=color, label=name, markersize=4)
-            for row, x in zip(points, cost):
-                axes.annotate(
-                    f"{row['margin']:g}",
-                    (x, row["knot_violation_mean"]),
-                    xytext=(3, 3),
-                    textcoords="offset points",
-                    fontsize=7,
-                    color=color,
-                )
-        for row in rows:
-            if row["margin"] is None:
-                axes.plot(0.0, row["knot_violation_mean"], "*", color="black", label=row["name"], markersize=9)
+        colors = iter(COLORS)
+        for name, curve in curves.items():
+            optimum = curve[0].margin is None
+            metrics = [row.row.metrics for row in curve]
+            cost = [100 * ((m.relative_cost or np.nan) - 1) for m in metrics]
+            violation = [np.nan if m.knot_violation_mean is None else m.knot_violation_mean for m in metrics]
+            form, color, size = ("*", "black", 9) if optimum else ("o-", next(colors), 4)
+            axes.plot(cost, violation, form, color=color, label=name, markersize=size)
+            for row, x, y in zip(curve, cost, violation):
+                if row.margin is not None:
+                    text = f"{row.margin:g}"
+                    axes.annotate(text, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7, color=color)
         axes.set(xlabel="cost above the tracked optimum, %", ylabel="mean violation at the knots, m")
         axes.set_ylim(bottom=0.0)
         axes.set_title("margins on the radius, m")
