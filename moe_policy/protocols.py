@@ -53,14 +53,14 @@ class Schedule(Batch):
 
     Args:
         plan_end: time of the control step at which the plan ends, seconds; 0 for a rejected plan.
-        judging: evaluation time, at which success is decided, seconds.
+        evaluation: evaluation time, at which success is decided, seconds.
         knot_step: time between the knots of the plan, seconds; NaN for a rejected plan.
         clipped: whether the plan's duration was outside its bounds and was clipped.
         rejected: whether the plan was not finite, so that the policy regulates to the goal from the beginning.
     """
 
     plan_end: Array
-    judging: Array
+    evaluation: Array
     knot_step: Array
     clipped: Bools
     rejected: Bools

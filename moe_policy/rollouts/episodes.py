@@ -1,4 +1,4 @@
-"""What a rollout returns: a batch of episodes and what became of them."""
+"""Batches of episodes and their results."""
 
 from __future__ import annotations
 
@@ -13,19 +13,20 @@ from ocp_envs.support.rows import Batch
 
 @dataclass(frozen=True, eq=False)
 class Episodes(Batch):
-    """What became of B episodes; all arrays are (B,) but for the parameters and the records.
+    """Results of B episodes; all arrays are (B,) but for the parameters and the records.
 
     Args:
         parameters: p of the episodes, (B, np).
         reached: entered the goal ball.
-        success: in the goal ball at the judging time.
+        success: in the goal ball at the evaluation time.
         cost: ∫L dt up to the first entry; of the whole episode where there is none.
         entry_time: seconds to the first entry, NaN where there is none.
-        judging_time: seconds to the judgement.
-        final_error: ‖x − goal‖ at the judgement, or where the episode left the box.
-        plan_end_error: the same at the plan's end, before any hold; NaN for policies without a plan.
+        evaluation_time: seconds to the evaluation, or to leaving the box.
+        final_error: ‖x − goal‖ at the evaluation time.
+        plan_end_error: the same at the plan's end, before any terminal regulation; NaN for policies without a plan.
         left_box: left the operating box.
-        violation: largest violation of the path constraints at the start and the ends of ticks; 0 without constraints.
+        violation: largest violation of the path constraints initially and at the ends of control steps; 0 without
+            constraints.
         knot_violation: the same at the plan's knots t_i = i·t_f/(N-1); NaN for policies without a plan.
         clipped: the plan's duration was clipped to its bounds; False for policies without a plan.
         rejected: the plan was not finite; False for policies without a plan.
@@ -38,7 +39,7 @@ class Episodes(Batch):
     success: Bools
     cost: Array
     entry_time: Array
-    judging_time: Array
+    evaluation_time: Array
     final_error: Array
     plan_end_error: Array
     left_box: Bools

@@ -25,7 +25,7 @@ def test_an_exact_plan_with_knots_at_control_steps_is_replayed_without_feedback(
     np.testing.assert_allclose(controls[:, :200:10], plan.controls, atol=1e-10)
     np.testing.assert_allclose(states[:, 200:], 0, atol=1e-10)
     np.testing.assert_allclose(policy.schedule(state).plan_end, 4.0)
-    np.testing.assert_allclose(policy.schedule(state).judging, 6.0)
+    np.testing.assert_allclose(policy.schedule(state).evaluation, 6.0)
 
 
 def test_a_plan_with_knots_between_control_steps_is_tracked():

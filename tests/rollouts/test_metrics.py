@@ -19,7 +19,7 @@ def episodes(size=4, **values):
         "success": ~none,
         "cost": np.ones(size),
         "entry_time": np.ones(size),
-        "judging_time": np.ones(size),
+        "evaluation_time": np.ones(size),
         "final_error": np.zeros(size),
         "plan_end_error": nan,
         "left_box": none,

@@ -46,7 +46,7 @@ def test_exact_plan_ends_at_the_goal_with_the_cost_of_the_closed_form():
     assert episodes.success.all()
     assert episodes.reached.all()
     np.testing.assert_allclose(episodes.plan_end_error, 0, atol=1e-6)
-    np.testing.assert_allclose(episodes.judging_time, 6.0)
+    np.testing.assert_allclose(episodes.evaluation_time, 6.0)
     force = STARTS[:, 0] / 4
     np.testing.assert_allclose(episodes.cost, episodes.entry_time * (1 + force**2 / 2), rtol=1e-5)
     # On the way in x = a/2 τ², v = −a τ with τ to go, so the ball is entered at τ² (τ²/4 + 1) a² = radius².
@@ -118,7 +118,7 @@ def test_rows_agree_with_single_environments_stepped_by_hand():
         np.testing.assert_allclose(episodes.cost[row], cost, rtol=1e-6)
         np.testing.assert_allclose(episodes.final_error[row], PENDULUM.goal_error(env.state), atol=1e-5)
         expected = 20.0 if entry is None else min(entry * 0.02 + 5.0, 20.0)
-        np.testing.assert_allclose(episodes.judging_time[row], expected)
+        np.testing.assert_allclose(episodes.evaluation_time[row], expected)
 
 
 def test_starting_in_the_goal_ball_costs_nothing_and_is_judged_after_the_hold():
@@ -126,7 +126,7 @@ def test_starting_in_the_goal_ball_costs_nothing_and_is_judged_after_the_hold():
     assert episodes.success.all()
     assert episodes.cost[0] == 0
     assert episodes.entry_time[0] == 0
-    assert episodes.judging_time[0] == 5.0
+    assert episodes.evaluation_time[0] == 5.0
 
 
 def test_passing_through_the_ball_is_reaching_but_not_success():
@@ -155,11 +155,11 @@ def test_leaving_the_box_is_charged_and_ends_the_episode():
     episodes = rollout(vector(DOUBLE_INTEGRATOR, 2), policy, [[5.0, 1.0], [-5.0, -1.0]], record=True)
     np.testing.assert_array_equal(episodes.left_box, [True, True])
     assert not episodes.success.any()
-    assert (episodes.judging_time < 10).all()
+    assert (episodes.evaluation_time < 10).all()
     # L ≤ 1.5: the ticks before at 1.5 (u = 1), the rest of 15 s at the largest rate, which is 1.5 as well.
     np.testing.assert_allclose(episodes.cost, 15 * 1.5, rtol=1e-6)
     last = np.isfinite(episodes.states[0, :, 0]).sum() - 1
-    np.testing.assert_allclose(last * 0.02, episodes.judging_time[0])
+    np.testing.assert_allclose(last * 0.02, episodes.evaluation_time[0])
 
 
 def test_a_planner_that_leaves_the_box_fails_at_its_end():
@@ -183,7 +183,7 @@ def test_failed_plans_hold_and_are_counted():
     episodes = rollout(vector(DOUBLE_INTEGRATOR, 3), TrackingPolicy(DOUBLE_INTEGRATOR, planner), STARTS)
     np.testing.assert_array_equal(episodes.rejected, [True, False, False])
     np.testing.assert_array_equal(episodes.clipped, [False, True, False])
-    np.testing.assert_allclose(episodes.judging_time, [2.0, 14.0, 6.0])
+    np.testing.assert_allclose(episodes.evaluation_time, [2.0, 14.0, 6.0])
     np.testing.assert_allclose(episodes.plan_end_error[0], 2.0)
     assert episodes.success[2]
 
@@ -204,7 +204,7 @@ def test_planning_policies_get_the_parameter_in_full_precision():
 def test_without_a_hold_success_is_judged_at_the_plans_end():
     p = np.array([[2.0, 5.0], [-1.0, 5.0]])
     episodes = rollout(vector(WALLED_INTEGRATOR, 2), TrackingPolicy(WALLED_INTEGRATOR, rest_planner), p)
-    np.testing.assert_allclose(episodes.judging_time, 4.0)
+    np.testing.assert_allclose(episodes.evaluation_time, 4.0)
     np.testing.assert_array_equal(episodes.final_error, episodes.plan_end_error)
     assert episodes.success.all()
     np.testing.assert_array_equal(episodes.violation, [0.0, 0.0])
@@ -271,14 +271,14 @@ def test_the_schedule_is_all_the_loop_knows_of_a_plan():
     size = 2
     schedule = Schedule(
         plan_end=np.array([1.0, 0.5]),
-        judging=np.array([1.5, 0.5]),
+        evaluation=np.array([1.5, 0.5]),
         knot_step=np.full(size, 0.1),
         clipped=np.zeros(size, bool),
         rejected=np.zeros(size, bool),
     )
     policy = constant(0.0, start=lambda p: None, schedule=lambda state: schedule)
     episodes = rollout(vector(DOUBLE_INTEGRATOR, 2), policy, [[1.0, -1.0], [1.0, 0.0]])
-    np.testing.assert_allclose(episodes.judging_time, [1.5, 0.5])
+    np.testing.assert_allclose(episodes.evaluation_time, [1.5, 0.5])
     np.testing.assert_allclose(episodes.plan_end_error, [1.0, 1.0])
     np.testing.assert_allclose(episodes.final_error, [np.hypot(0.5, 1), 1.0])
 

@@ -111,7 +111,7 @@ def one_by_one(problem: OptimalControlProblem, planner: Planner, p: Array) -> tu
     for parameter in p:
         observation, _ = env.reset(options={"parameters": parameter})
         state = policy.start(parameter)
-        for _ in range(round(float(policy.schedule(state).judging[0]) / DT)):
+        for _ in range(round(float(policy.schedule(state).evaluation[0]) / DT)):
             action, state = policy.predict(observation, state)
             observation, _, terminated, _, info = env.step(action)
             if terminated:

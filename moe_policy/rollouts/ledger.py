@@ -1,0 +1,155 @@
+"""What is recorded of episodes while they run, one control step after another."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from moe_policy.protocols import Schedule
+from moe_policy.rollouts.episodes import Episodes
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.clock import count_steps
+
+
+class Violations:
+    """Violations of the path constraints in B episodes; zero where the problem has no constraints.
+
+    Args:
+        problem: the problem.
+        dt: control period, seconds.
+        states: initial states, (B, nx).
+        contexts: (B, nc).
+        knot_step: seconds between the knots of the plans, NaN where there is none, (B,).
+
+    Attributes:
+        path: maximum over the control steps, (B,).
+        knots: maximum over the knots of the plan, NaN where there is none, (B,).
+    """
+
+    def __init__(
+        self, problem: OptimalControlProblem, dt: float, states: Array, contexts: Array, knot_step: Array
+    ) -> None:
+        self.problem, self.dt, self.contexts, self.knot_step = problem, dt, contexts, knot_step
+        self._clearances = problem.batch_clearances() if problem.n_clearances else None
+        self.path = self._at(states, contexts)
+        self.knots = np.where(np.isnan(knot_step), np.nan, self.path)
+
+    def _at(self, states: Array, contexts: Array) -> Array:
+        if self._clearances is None:
+            return np.zeros(len(states))
+        return np.maximum(0.0, -self._clearances(states, contexts)[0].min(axis=1))
+
+    def add(self, step: int, running: Bools, before: Array, after: Array) -> None:
+        """Add the control step that ends at ``step`` · dt.
+
+        Args:
+            step: its number, from 1.
+            running: episodes to which it is added, (B,).
+            before: states at its beginning, (B, nx).
+            after: states at its end, (B, nx).
+        """
+        if self._clearances is None:
+            return
+        self.path[running] = np.maximum(self.path, self._at(after, self.contexts))[running]
+        # Knots lie between control steps, over which the path is close to its chord. One knot is considered in each
+        # control step, so of several knots in one it is the last.
+        knot = np.floor(step * self.dt / self.knot_step + 1e-9)
+        fraction = knot * self.knot_step / self.dt - (step - 1)
+        rows = running & (fraction > 0) & (knot < self.problem.knots)
+        if rows.any():
+            at_knot = before[rows] + fraction[rows, None] * (after[rows] - before[rows])
+            self.knots[rows] = np.maximum(self.knots[rows], self._at(at_knot, self.contexts[rows]))
+
+
+class Ledger:
+    """Metrics of a batch of B episodes while they run.
+
+    Args:
+        problem: the problem.
+        dt: control period, seconds.
+        steps: control steps after which every episode is evaluated at the latest.
+        states: initial states, (B, nx).
+        contexts: (B, nc).
+        schedule: of the plans; without one, episodes are evaluated ``problem.hold`` seconds after the first entry.
+
+    Attributes:
+        running: episodes that are not evaluated yet, (B,).
+    """
+
+    def __init__(
+        self,
+        problem: OptimalControlProblem,
+        dt: float,
+        steps: int,
+        states: Array,
+        contexts: Array,
+        schedule: Schedule | None,
+    ) -> None:
+        size, unknown = len(states), np.full(len(states), np.nan)
+        self.problem, self.dt, self.steps, self.schedule = problem, dt, steps, schedule
+        self.running = np.ones(size, bool)
+        self._error: Array = problem.goal_error(states)
+        self._success, self._left_box = np.zeros(size, bool), np.zeros(size, bool)
+        self._cost = np.zeros(size)
+        self._final_error, self._plan_end_error = unknown.copy(), unknown.copy()
+        self._entry, self._plan_end, self._evaluation = (np.full(size, step) for step in (-1, -1, steps))
+        if schedule is not None:
+            self._evaluation = np.minimum(count_steps(schedule.evaluation, dt), steps)
+            self._plan_end = np.minimum(count_steps(schedule.plan_end, dt), steps)
+        knot_step = unknown if schedule is None else schedule.knot_step
+        self._violations = Violations(problem, dt, states, contexts, knot_step)
+        self._note(0, self._error < problem.goal.radius)
+
+    def add(self, step: int, before: Array, after: Array, cost: Array, left_box: Bools) -> None:
+        """Add the control step that ends at ``step`` · dt.
+
+        Args:
+            step: its number, from 1.
+            before: states at its beginning, (B, nx).
+            after: states at its end, (B, nx).
+            cost: ∫L dt over it, (B,).
+            left_box: episodes that left the operating box in it, (B,).
+        """
+        running = self.running.copy()
+        self._error = self.problem.goal_error(after)
+        self._violations.add(step, running, before, after)
+        counted = running & (self._entry < 0)
+        self._cost[counted] += cost[counted]
+        left = running & left_box
+        self._left_box |= left
+        self._evaluation[left] = step
+        self._plan_end[left & (self._plan_end > step)] = step
+        self._note(step, (self._error < self.problem.goal.radius) & ~left_box)
+
+    def _note(self, step: int, inside: Bools) -> None:
+        """Note what happens at ``step``: the first entry, the plan's end, the evaluation."""
+        entered = self.running & inside & (self._entry < 0)
+        self._entry[entered] = step
+        if self.schedule is None:
+            after_hold = step + int(count_steps(self.problem.hold, self.dt))
+            self._evaluation[entered] = min(after_hold, self.steps)
+        at_end = self.running & (self._plan_end == step)
+        self._plan_end_error[at_end] = self._error[at_end]
+        due = self.running & (self._evaluation == step)
+        self._final_error[due] = self._error[due]
+        self._success[due] = inside[due]
+        self.running &= ~due
+
+    def episodes(self, parameters: Array) -> Episodes:
+        """The episodes with their ``parameters`` (B, np), when none is running any more."""
+        none = np.zeros(len(parameters), bool)
+        return Episodes(
+            parameters=parameters,
+            reached=self._entry >= 0,
+            success=self._success,
+            cost=self._cost,
+            entry_time=np.where(self._entry >= 0, self._entry * self.dt, np.nan),
+            evaluation_time=self._evaluation * self.dt,
+            final_error=self._final_error,
+            plan_end_error=self._plan_end_error,
+            left_box=self._left_box,
+            violation=self._violations.path,
+            knot_violation=self._violations.knots,
+            clipped=none if self.schedule is None else self.schedule.clipped,
+            rejected=none if self.schedule is None else self.schedule.rejected,
+        )
