@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, read_only
 from ocp_envs.support.rows import Batch
 
 
@@ -31,7 +31,8 @@ class Trajectory(Batch):
         controls: (B, N-1, nu).
         duration: t_f in seconds, (B,).
 
-    Values may be non-finite (a failed solve is a value); shapes must agree, else ``ValueError``.
+    The arrays are read-only views of those given. Values may be non-finite (a failed solve is a value); shapes must
+    agree, else ``ValueError``.
     """
 
     states: Array
@@ -40,7 +41,7 @@ class Trajectory(Batch):
 
     def __post_init__(self) -> None:
         for name in ("states", "controls", "duration"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=np.float64))
+            object.__setattr__(self, name, read_only(np.asarray(getattr(self, name), dtype=np.float64)))
         x, u, t = self.states, self.controls, self.duration
         if x.ndim != 3 or u.ndim != 3 or t.ndim != 1 or not len(x) == len(u) == len(t) or u.shape[1] != x.shape[1] - 1:
             raise ValueError(

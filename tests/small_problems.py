@@ -1,5 +1,7 @@
 """Small problems with known answers, shared by the tests."""
 
+import dataclasses
+
 import casadi as ca
 import numpy as np
 
@@ -43,6 +45,13 @@ WALLED_INTEGRATOR = OptimalControlProblem(
     time_limit=15.0,
     clearance=lambda x, s, c: [ca.fabs(x[0] - s.wall) - 0.1],
 )
+
+
+def with_states(plans, where, values):
+    """``plans`` with other states ``where`` an index of (row, knot, coordinate) says."""
+    states = plans.states.copy()
+    states[where] = values
+    return dataclasses.replace(plans, states=states)
 
 
 def rest_to_rest(starts: np.ndarray, duration: float, knots: int):

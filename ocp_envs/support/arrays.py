@@ -12,6 +12,13 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
+def read_only(array: Array) -> Array:
+    """A view of ``array`` through which nobody can change it."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
+
+
 def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """A read-only copy of ``values`` with the type ``dtype``."""
     array = np.array(values, dtype=dtype)

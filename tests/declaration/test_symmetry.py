@@ -11,6 +11,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE, half_turn
 from ocp_envs.symmetry import Symmetry
 from ocp_envs.trajectory import Trajectory
+from tests.small_problems import with_states
 
 P = tables.starts(QUADCOPTER_OBSTACLE)[:20]
 SYMMETRY = QUADCOPTER_OBSTACLE.symmetry
@@ -63,7 +64,8 @@ def test_errors_of_the_two_plans_are_averaged_and_the_result_is_equivariant():
 def test_plans_of_two_families_are_not_averaged():
     plans = random_plans(0, len(P))
     other = SYMMETRY.trajectories(plans)
-    other.states[::2, 7, 1] += 3.0  # the other side, for every second problem
+    where = np.s_[::2, 7, 1]  # the other side, for every second instance
+    other = with_states(other, where, other.states[where] + 3.0)
     planner = Symmetrised(
         QUADCOPTER_OBSTACLE, Table(np.concatenate([P, mirrored(P)]), Trajectory.concatenate([plans, other]))
     )

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.trajectory import Trajectory, flat_size
+from tests.small_problems import with_states
 
 SIZES = st.integers(1, 5)
 
@@ -48,8 +49,15 @@ def test_indexing_keeps_the_batch_axis():
 
 def test_a_failed_trajectory_is_a_value():
     trajectory = random_trajectory(0, 2, 5, 2, 1)
-    trajectory.states[1, 3, 0] = np.nan
-    assert trajectory.finite.tolist() == [True, False]
+    assert with_states(trajectory, (1, 3, 0), np.nan).finite.tolist() == [True, False]
+
+
+def test_nobody_changes_a_trajectory_through_its_arrays():
+    states = np.zeros((1, 3, 2))
+    trajectory = Trajectory(states, np.zeros((1, 2, 1)), np.ones(1))
+    with pytest.raises(ValueError, match="read-only"):
+        trajectory.states[0, 0, 0] = 1.0
+    states[0, 0, 0] = 1.0  # the owner of an array still may
 
 
 def test_wrong_shapes_are_refused():

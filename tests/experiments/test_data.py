@@ -28,7 +28,7 @@ from ocp_envs.solvers.accuracy import accuracy, integrate
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.system import System
 from ocp_envs.trajectory import Trajectory
-from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR, rest_to_rest
+from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR, rest_to_rest, with_states
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Modes by duration, so that the exact plans below can be of any of three.
@@ -188,8 +188,8 @@ def test_a_known_error_is_found_where_it_is():
     parameters = np.array([[2.0, 0.0], [-1.0, 0.0]])
     plan, _ = exact(parameters, 6.0)
     d, e, h = 0.01, -0.02, 0.3
-    plan.states[0, 7] += [d, e]
-    plan.states[1, -1] += [3.0, -4.0]
+    plan = with_states(plan, (0, 7), plan.states[0, 7] + [d, e])
+    plan = with_states(plan, (1, -1), plan.states[1, -1] + [3.0, -4.0])
     found = accuracy(INTEGRATOR, parameters, plan)
     expected = np.zeros((2, 20, 2))
     expected[0, 6], expected[0, 7], expected[1, 19] = [-d, -e], [d + h * e, e], [-3.0, 4.0]

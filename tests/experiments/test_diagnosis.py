@@ -30,7 +30,7 @@ from ocp_envs.data.samples import Samples
 from ocp_envs.goal import Modes
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.trajectory import Trajectory
-from tests.small_problems import DOUBLE_INTEGRATOR, rest_to_rest
+from tests.small_problems import DOUBLE_INTEGRATOR, rest_to_rest, with_states
 
 LEFT, RIGHT = 0, 1
 
@@ -218,8 +218,7 @@ def test_a_plan_that_the_hold_repairs_fails_at_its_end_only():
 
 
 def test_records_are_json_and_all_causes_are_counted():
-    bad = plans([-4.0])
-    bad.states[0, 3, 0] = np.nan
+    bad = with_states(plans([-4.0]), (0, 3, 0), np.nan)
     failures = explain(PROBLEM, mixture(by_side(), (bad, GOOD[1])), samples([-4.0, 1.0], costs=(1.0, np.inf)), TRAINING)
     (record,) = [failure.to_json() for failure in failures]
     assert json.loads(json.dumps(record, allow_nan=False))["cause"] == "expert"

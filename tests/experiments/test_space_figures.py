@@ -10,7 +10,7 @@ from moe_policy.learning.clustering import Labels, cluster
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.trajectory import Trajectory
-from tests.small_problems import DOUBLE_INTEGRATOR
+from tests.small_problems import DOUBLE_INTEGRATOR, with_states
 from tests.synthetic import fake_samples
 
 image = pytest.importorskip("matplotlib.image")
@@ -37,9 +37,8 @@ def samples_of(problem, count, seed=0):
 def bent(p, above):
     """Flights from ``p`` that are pushed far up or down half-way: clear of a sphere of radius 3 on the way."""
     plan = straight(p)
-    bump = np.sin(np.linspace(0, np.pi, 20))
-    plan.states[..., 2] += np.where(above, 11.0, -11.0)[:, None] * bump
-    return plan
+    bump = np.where(above, 11.0, -11.0)[:, None] * np.sin(np.linspace(0, np.pi, 20))
+    return with_states(plan, np.s_[..., 2], plan.states[..., 2] + bump)
 
 
 def panels_of(figure):
@@ -125,9 +124,8 @@ def test_a_flip_needs_two_finite_trajectories():
     plan = straight(np.ones((2, 3)))
     with pytest.raises(ValueError, match="at least two trajectories, got 1"):
         cases.find_flip(plan[0])
-    plan.states[1, 3, 4] = np.nan
     with pytest.raises(ValueError, match="finite; row 1"):
-        cases.find_flip(plan)
+        cases.find_flip(with_states(plan, (1, 3, 4), np.nan))
 
 
 def test_violations_are_those_of_the_deepest_knot():
@@ -140,7 +138,7 @@ def test_violations_are_those_of_the_deepest_knot():
     assert expected[1] == pytest.approx(1.5, abs=0.1)
     assert expected[2] == 0
     np.testing.assert_allclose(cases.plan_violations(QUADCOPTER_OBSTACLE, p, plans), expected, atol=1e-6)
-    plans.states[1, 5, 0] = np.inf
+    plans = with_states(plans, (1, 5, 0), np.inf)
     assert np.isnan(cases.plan_violations(QUADCOPTER_OBSTACLE, p, plans)).tolist() == [False, True, False]
 
 
@@ -269,8 +267,7 @@ def test_the_flip_is_shown_for_the_optimum_and_every_planner(drawn):
 
 
 def test_lines_may_have_names_of_their_own_and_plans_that_failed_are_left_out(drawn):
-    failed = straight(P)
-    failed.states[2] = np.nan
+    failed = with_states(straight(P), 2, np.nan)
     names = [f"case {i}" for i in range(7)]
     figure = drawn(figures.flip_figure, QUADCOPTER_OBSTACLE, P, OPTIMAL, {"snn": failed}, names)
     assert [len(starts_of(axes)) for axes in panels_of(figure)] == [7, 6]

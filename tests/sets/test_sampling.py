@@ -20,7 +20,7 @@ from ocp_envs.sets.outside import sample_outside
 from ocp_envs.sets.sampling import grid, sample
 from ocp_envs.sets.splits import splits_of
 from ocp_envs.solvers.guesses import guesses
-from ocp_envs.solvers.nlp import Status
+from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.system import Box, Coordinate
 from scripts import make_starts
@@ -226,8 +226,9 @@ def test_what_was_not_solved_is_tried_again(drawn):
         tries.append(len(parameters))
         found = solver.solve(parameters, guesses, windings)
         if len(tries) == 1:
-            found.status[1] = Status.NOT_CONVERGED
-            found._blank(~found.solved)
+            nothing = Solutions.empty(QUADCOPTER, 1)
+            assert found.solved.all()
+            found = found.replaced(np.array([False, True, False]), nothing)
         return found
 
     found = free_paths.solve_free(QUADCOPTER_OBSTACLE, drawn[:3, :3], types.SimpleNamespace(solve=solve))

@@ -10,6 +10,7 @@ from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.transcription import GOAL_TOLERANCE, transcribe
 from ocp_envs.trajectory import Trajectory
+from tests.small_problems import with_states
 
 PROBLEMS = [PENDULUM, QUADCOPTER, QUADCOPTER_OBSTACLE]
 RNG = np.random.default_rng(7)
@@ -41,7 +42,7 @@ def test_program_is_the_problems_own_flow(problem):
     program, plan = transcribe(problem), random_plans(problem, 1)
     p = draw(problem, 1)
     starts, contexts = problem.start(p)
-    plan.states[:, 0] = starts
+    plan = with_states(plan, np.s_[:, 0], starts)
     cost, g = program.nlp(program.pack(plan)[0], np.concatenate([starts[0], contexts[0]]))
 
     m, nx = problem.knots - 1, problem.system.nx
