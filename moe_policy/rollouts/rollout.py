@@ -105,10 +105,10 @@ def _check(base: VectorEnv, policy: Policy, evaluation: Evaluation) -> None:
     name, period = base.problem.id, getattr(policy, "dt", None)
     if evaluation not in get_args(Evaluation):
         raise ValueError(f"got evaluation={evaluation!r}, expected one of {', '.join(get_args(Evaluation))}")
-    if base.settings.terminate_at_goal or base.autoreset_mode is not AutoresetMode.DISABLED:
+    if base.options.terminate_at_goal or base.autoreset_mode is not AutoresetMode.DISABLED:
         raise ValueError(
             f"{name}: rollout needs an environment made with terminate_at_goal=False and "
-            f'autoreset_mode="Disabled"; got {base.settings.terminate_at_goal} and {base.autoreset_mode.value!r}'
+            f'autoreset_mode="Disabled"; got {base.options.terminate_at_goal} and {base.autoreset_mode.value!r}'
         )
     if period is not None and not math.isclose(period, base.dt, rel_tol=1e-9):
         raise ValueError(
@@ -119,7 +119,7 @@ def _check(base: VectorEnv, policy: Policy, evaluation: Evaluation) -> None:
 
 def _steps(base: VectorEnv, horizon: float | None) -> int:
     """Control steps of the longest episode."""
-    limit = base.settings.time_limit or base.problem.time_limit
+    limit = base.options.time_limit or base.problem.time_limit
     horizon = limit if horizon is None else horizon
     if not 0 < horizon <= limit:
         raise ValueError(

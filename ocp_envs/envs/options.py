@@ -1,11 +1,12 @@
-"""What an environment is built from: a problem and the arguments that :class:`ocp_envs.envs.env.Env` documents."""
+"""The options of an environment, validated: its problem and the keyword arguments of :class:`ocp_envs.envs.env.Env`."""
 
 from __future__ import annotations
 
 import contextlib
+import inspect
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError, load
-from ocp_envs.support.arrays import Array, frozen_array
+from ocp_envs.support.arrays import Array, Ints, frozen_array
 from ocp_envs.support.clock import count_steps
 from ocp_envs.support.suggestions import did_you_mean
 
@@ -28,82 +29,124 @@ def _plant(problem: OptimalControlProblem, constants: tuple[tuple[str, float], .
     return Simulator(problem.with_constants(**dict(constants)), dt)
 
 
+def problem_of(problem: OptimalControlProblem | str) -> OptimalControlProblem:
+    """``problem`` itself, or the problem of that name.
+
+    Raises:
+        UnknownProblemError: no problem of that name.
+    """
+    return load(problem) if isinstance(problem, str) else problem
+
+
+def refuse_unknown(environment: type, unknown: Mapping[str, object]) -> None:
+    """Refuse keyword arguments that an environment does not have.
+
+    Args:
+        environment: the class of the environment.
+        unknown: keyword arguments that are not in its signature.
+
+    Raises:
+        TypeError: there are any; the message names the nearest one and all that are accepted.
+    """
+    for name in unknown:
+        parameters = inspect.signature(environment).parameters.values()
+        accepted = [parameter.name for parameter in parameters if parameter.kind is not parameter.VAR_KEYWORD]
+        hint = did_you_mean(name, accepted)
+        raise TypeError(f"{environment.__name__}: unknown argument {name!r}; {hint}accepted are {accepted}")
+
+
 @dataclass(frozen=True, eq=False)
-class Settings:
-    """What both environments are built from: the problem and the arguments of :class:`Env`."""
+class Options:
+    """The options of an environment; :class:`~ocp_envs.envs.env.Env` documents them.
+
+    Args:
+        problem: the nominal problem.
+        dt: length of a control step, s.
+        terminate_at_goal: whether an episode ends in the goal ball.
+        time_limit: seconds until truncation; the problem's own by default.
+        constants: physical constants of the plant that differ from the problem's, by name.
+        disturbance: standard deviation of the term added to ẋ, a number or (nx,); kept as (nx,).
+        observation_noise: standard deviation of the noise on the observed state, a number or (nx,); kept as (nx,).
+        delay: control steps by which the control acts late.
+        render_mode: ``None`` or one of :data:`RENDER_MODES`.
+
+    Raises:
+        ValueError: an option out of its range; the message names it.
+    """
 
     problem: OptimalControlProblem
     dt: float = 0.02
     terminate_at_goal: bool = True
     time_limit: float | None = None
     constants: Mapping[str, float] = field(default_factory=dict)
-    disturbance: Any = 0.0
-    observation_noise: Any = 0.0
+    disturbance: ArrayLike = 0.0
+    observation_noise: ArrayLike = 0.0
     delay: int = 0
     render_mode: str | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.problem, str):
-            object.__setattr__(self, "problem", load(self.problem))
-        problem, nx = self.simulator.problem, self.problem.system.nx  # a bad dt or constant is refused here
+        problem = self.simulator.problem  # raises for a bad dt or constant
         limit = problem.time_limit if self.time_limit is None else float(self.time_limit)
         if not (math.isfinite(limit) and limit > 0):
             raise ValueError(f"{problem.id}: time_limit must be a positive number of seconds, got {self.time_limit}")
         object.__setattr__(self, "time_limit", limit)
         for name in ("disturbance", "observation_noise"):
-            values = np.asarray(getattr(self, name), dtype=np.float64)
-            if values.shape not in ((), (nx,)) or not np.isfinite(values).all() or (values < 0).any():
-                raise ValueError(
-                    f"{problem.id}: {name} must be standard deviations ≥ 0, one number or {nx} "
-                    f"({', '.join(problem.system.state.names)}), got {getattr(self, name)!r}"
-                )
-            object.__setattr__(self, name, frozen_array(np.broadcast_to(values, (nx,))))
+            object.__setattr__(self, name, self._deviations(name))
         if self.delay != int(self.delay) or self.delay < 0:
-            raise ValueError(f"{problem.id}: delay must be a whole number of ticks ≥ 0, got {self.delay!r}")
+            raise ValueError(f"{problem.id}: delay must be a whole number of control steps ≥ 0, got {self.delay!r}")
         if self.render_mode is not None and self.render_mode not in RENDER_MODES:
             raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {self.render_mode!r}")
         if self.render_mode is not None and problem.picture is None:
             raise ValueError(f"{problem.id} has no picture, so it cannot be rendered; leave render_mode at None")
 
+    def _deviations(self, name: str) -> Array:
+        """The standard deviations of an option, (nx,)."""
+        box = self.problem.system.state
+        values = np.asarray(getattr(self, name), dtype=np.float64)
+        if values.shape not in ((), (len(box),)) or not np.isfinite(values).all() or (values < 0).any():
+            raise ValueError(
+                f"{self.problem.id}: {name} must be standard deviations ≥ 0, one number or {len(box)} "
+                f"({', '.join(box.names)}), got {getattr(self, name)!r}"
+            )
+        return frozen_array(np.broadcast_to(values, (len(box),)))
+
     def __reduce__(self) -> tuple[Any, ...]:
-        # A problem of the catalogue travels by its name: problems hold functions, which do not pickle.
-        problem: Any = self.problem
+        values = {f.name: getattr(self, f.name) for f in fields(self)} | {"constants": dict(self.constants)}
+        # A problem of the catalogue is pickled by its name: problems hold functions, which cannot be pickled.
         with contextlib.suppress(UnknownProblemError):
-            problem = problem.id if load(problem.id) is problem else problem
-        values = (self.dt, self.terminate_at_goal, self.time_limit, dict(self.constants), self.disturbance)
-        return Settings, (problem, *values, self.observation_noise, self.delay, self.render_mode)
+            if load(self.problem.id) is self.problem:
+                values["problem"] = self.problem.id
+        return _restore, tuple(values.values())
 
     @cached_property
     def simulator(self) -> Simulator:
-        """The plant: the problem under ``constants``, shared by equal settings."""
+        """The plant: the problem under ``constants``, shared by equal options."""
         return _plant(self.problem, tuple(sorted(self.constants.items())), self.dt)
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """Gymnasium's metadata, with as many frames a second as there are ticks."""
+        """Gymnasium's metadata, with one frame for each control step."""
         return {"render_modes": list(RENDER_MODES), "render_fps": max(1, round(1 / self.dt))}
 
     @cached_property
-    def ticks(self) -> int:
-        """Ticks after which an episode is truncated."""
+    def max_steps(self) -> int:
+        """Control steps after which an episode is truncated."""
         assert self.time_limit is not None
         return int(count_steps(self.time_limit, self.dt))
 
     @cached_property
     def disturbed(self) -> bool:
+        """Whether there is a disturbance."""
         return bool(np.any(self.disturbance))
 
     @cached_property
     def noisy(self) -> bool:
+        """Whether there is observation noise."""
         return bool(np.any(self.observation_noise))
-
-    def charge(self, ticks_left: Any) -> Any:
-        """Cost charged for leaving the box with ``ticks_left`` ticks to go: nothing the episode could do costs more."""
-        return largest_cost_rate(self.problem) * self.dt * ticks_left
 
     @cached_property
     def observation_space(self) -> gym.spaces.Box:
-        """State box and context box; float32 rounds up to half a step, so the bounds lie one step further out."""
+        """State box and context box; float32 rounds by up to half a step, so the bounds lie one step further out."""
         boxes = (self.problem.system.state, self.problem.context)
         lower = np.concatenate([box.lower for box in boxes]).astype(np.float32)
         upper = np.concatenate([box.upper for box in boxes]).astype(np.float32)
@@ -112,37 +155,64 @@ class Settings:
 
     @cached_property
     def action_space(self) -> gym.spaces.Box:
+        """The control box."""
         box = self.problem.system.control
         return gym.spaces.Box(box.lower.astype(np.float32), box.upper.astype(np.float32), dtype=np.float32)
 
+    def charge(self, steps: int | Ints) -> Any:
+        """Cost charged for leaving the operating box; nothing that an episode could do in the time left costs more.
+
+        Args:
+            steps: control steps completed before the one that left it; an integer or an array.
+        """
+        return largest_cost_rate(self.problem) * self.dt * (self.max_steps - steps)
+
     def draw_parameters(self, generator: np.random.Generator) -> Array:
-        """One parameter from the distribution of the problem, (np,).
+        """Draw p, (np,), from the distribution of the problem.
+
+        Args:
+            generator: source of the random numbers.
 
         Raises:
             TableError: there is no table.
         """
         return self.problem.distribution.draw(self.problem, generator)
 
-    def check_options(self, options: Mapping[str, Any] | None, *more: str) -> Mapping[str, Any]:
-        """``options`` of a reset, which knows ``parameters``, ``extrapolate`` and ``more``, and refuses the rest."""
+    def check_reset(self, options: Mapping[str, Any] | None, *more: str) -> tuple[Mapping[str, Any], Array | None]:
+        """Check the ``options`` of a reset.
+
+        Args:
+            options: those given to ``reset``.
+            more: names that it may have beside ``parameters`` and ``extrapolate``.
+
+        Returns:
+            The options, and their parameters (B, np) if they have any.
+
+        Raises:
+            ValueError: an unknown option, or parameters of another shape, not finite, outside their box without
+                ``extrapolate``, or with an initial state outside the operating box.
+        """
+        given = options or {}
         known = ("parameters", "extrapolate", *more)
-        for name in options or {}:
+        for name in given:
             if name not in known:
                 hint = did_you_mean(name, known)
                 raise ValueError(
                     f"{self.problem.id}: unknown option {name!r} of reset(); {hint}known are {list(known)}"
                 )
-        return options or {}
-
-    def check_start(self, parameters: ArrayLike, options: Mapping[str, Any]) -> Array:
-        """Parameters (B, np) of ``options`` whose start states lie in the operating box."""
-        p = self.problem.check_parameters(parameters, extrapolate=bool(options.get("extrapolate", False)))
-        states, _ = self.problem.start(p)
-        outside = ~self.problem.system.state.contains(states, 1e-6)
+        if given.get("parameters") is None:
+            return given, None
+        p = self.problem.check_parameters(given["parameters"], extrapolate=bool(given.get("extrapolate", False)))
+        box = self.problem.system.state
+        outside = ~box.contains(self.problem.start(p)[0], 1e-6)
         if outside.any():
             row = int(np.flatnonzero(outside)[0])
             raise ValueError(
                 f"{self.problem.id}: parameters {p[row]} (row {row}) start outside the operating box "
-                f"{self.problem.system.state.lower} … {self.problem.system.state.upper}, where no episode can begin"
+                f"{box.lower} … {box.upper}, where no episode can begin"
             )
-        return p
+        return given, p
+
+
+def _restore(problem: OptimalControlProblem | str, *values: Any) -> Options:
+    return Options(problem_of(problem), *values)

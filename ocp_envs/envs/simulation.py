@@ -1,19 +1,20 @@
-"""advance(): the only place where time passes.
+"""One control step, the only function in which the time of an episode passes.
 
-One tick of ``dt`` seconds is the Runge-Kutta map of the problem (:meth:`OptimalControlProblem.flow`) under a control
-that is held and clipped to its box. A tick gives the next state, the cost ∫L dt over the tick, whether the next state
-lies in the goal ball ‖x − goal‖ < radius, how far it violates the path constraints, and whether it left the operating
-box.
+A control step of ``dt`` seconds is the Runge-Kutta map of the problem (:meth:`OptimalControlProblem.flow`) under a
+control that is constant and clipped to its box. It returns the next state, the cost ∫L dt of the step, whether the next
+state lies in the goal ball ‖x − goal‖ < radius, how far it violates the path constraints, and whether it left the
+operating box. :meth:`Simulator.advance` evaluates it on arrays and returns new ones; :class:`ControlStep` evaluates the
+same function in place on arrays with names, which the environments do.
 
-Nothing non-finite ever leaves: a state outside the operating box is clipped into it (a NaN counts as outside and
-becomes the lower bound), a NaN control becomes its lower bound, and the cost of a tick that left the box is bounded by
-the largest cost rate times dt. A cost that is not finite counts as leaving, too.
+All results are finite: a state outside the operating box is clipped into it (a NaN counts as outside and becomes the
+lower bound), a NaN control becomes its lower bound, and the cost of a step that left the box is bounded by the largest
+cost rate times dt. A cost that is not finite counts as leaving the box, too.
 
-A tick takes as many Runge-Kutta steps as keep each within the problem's ``longest_substep``. Accuracy of a tick of
-0.02 s against SciPy's DOP853 (results/benchmark_env.json, made by scripts/benchmark_env.py): over the middle two thirds
-of the boxes of state and control the vehicle (one step) and the quadcopter (two) are within 2.5e-6. Over the whole
-boxes the vehicle is within 7e-5; the quadcopter, tumbling at 8 rad/s next to the singularity of its angles, is off by
-up to 4e-4 (2e-5 in 99 % of the cases, 8e-7 in the median).
+A control step takes as many Runge-Kutta steps as keep each within the problem's ``longest_substep``. Its accuracy at
+0.02 s against SciPy's DOP853 is recorded in results/benchmark_env.json by scripts/benchmark_env.py. In the middle two
+thirds of the boxes of state and control, the errors of the vehicle (one step) and the quadcopter (two) are below
+2.5e-6. In the whole boxes, that of the vehicle is below 7e-5; that of the quadcopter, which tumbles at 8 rad/s next to
+the singularity of its angles, reaches 4e-4 (2e-5 in 99 % of the cases, 8e-7 in the median).
 """
 
 from __future__ import annotations
@@ -25,42 +26,26 @@ from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.batch import BatchFunction, BoundFunction, dense_function
 from ocp_envs.support.clock import count_steps
 from ocp_envs.system import Box
 
-_MOST_VERTICES = 2**16
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """What one tick of B rows led to.
-
-    Args:
-        states: (B, nx), inside the operating box.
-        cost: ∫L dt over the tick, (B,).
-        reached: inside the goal ball at the end of the tick, (B,).
-        violation: max(0, −smallest clearance) at the end of the tick, in the clearance's unit, (B,).
-        left_box: the state left the operating box and was clipped, (B,).
-    """
-
-    states: Array
-    cost: Array
-    reached: NDArray[np.bool_]
-    violation: Array
-    left_box: NDArray[np.bool_]
+_MAX_VERTICES = 2**16
 
 
 @lru_cache(maxsize=32)
 def largest_cost_rate(problem: OptimalControlProblem) -> float:
-    """Largest L over the boxes of state, control and context.
+    """Largest cost rate L over the boxes of state, control and context, in units of cost per second.
 
     A convex function attains its maximum over a box at a vertex, so L is evaluated at the vertices spanned by the
-    coordinates that it depends on; beyond 2^16 vertices, at as many drawn at random.
+    coordinates on which it depends; where there are more than 2^16, at as many drawn at random.
+
+    Args:
+        problem: the problem.
     """
     x, u, s = problem.symbols()
     z = ca.vertcat(x, u, s)
@@ -69,10 +54,10 @@ def largest_cost_rate(problem: OptimalControlProblem) -> float:
     lower = np.concatenate([box.lower for box in boxes])
     upper = np.concatenate([box.upper for box in boxes])
     active = np.flatnonzero(ca.which_depends(rate, z, 1))
-    if 2 ** len(active) <= _MOST_VERTICES:
+    if 2 ** len(active) <= _MAX_VERTICES:
         choice = np.array(list(itertools.product((False, True), repeat=len(active))), dtype=bool)
     else:
-        choice = np.random.default_rng(0).random((_MOST_VERTICES, len(active))) < 0.5
+        choice = np.random.default_rng(0).random((_MAX_VERTICES, len(active))) < 0.5
     points = np.tile((lower + upper) / 2, (len(choice), 1))
     points[:, active] = np.where(choice, upper[active], lower[active])
     (values,) = BatchFunction(dense_function("cost_rate", [z], [rate]))(points)
@@ -80,13 +65,13 @@ def largest_cost_rate(problem: OptimalControlProblem) -> float:
 
 
 def _clip(values: ca.SX, box: Box) -> ca.SX:
-    """Into the box; fmax and fmin return the other argument for a NaN, so that it becomes the lower bound."""
+    """``values`` clipped to ``box``; fmax and fmin return the other argument for a NaN, which gives the lower bound."""
     return ca.fmin(ca.fmax(values, ca.DM(box.lower)), ca.DM(box.upper))
 
 
 @lru_cache(maxsize=32)
-def _tick(problem: OptimalControlProblem, dt: float, substeps: int, disturbed: bool) -> ca.Function:
-    """(x, u, s[, w]) → (next x, [cost, violation, reached, left the box]): one tick as one function."""
+def _step_function(problem: OptimalControlProblem, dt: float, substeps: int, disturbed: bool) -> ca.Function:
+    """(x, u, s[, w]) → (next x, [cost, violation, reached, left the box]): one control step."""
     system = problem.system
     x, u, s = problem.symbols()
     w = ca.SX.sym("w", system.nx)
@@ -94,26 +79,77 @@ def _tick(problem: OptimalControlProblem, dt: float, substeps: int, disturbed: b
     inside = ca.fabs(cost) < np.inf
     for i, coordinate in enumerate(system.state.coordinates):
         inside = ca.logic_and(inside, ca.logic_and(following[i] >= coordinate.lower, following[i] <= coordinate.upper))
-    reached = ca.logic_and(
-        inside, ca.sumsqr(system.difference(following, ca.SX(problem.goal.state))) < problem.goal.radius**2
-    )
+    error = system.difference(following, ca.SX(problem.goal.state))
+    reached = ca.logic_and(inside, ca.sumsqr(error) < problem.goal.radius**2)
     following = _clip(following, system.state)
     clearances = problem.clearances(following, s)
     violation = ca.fmax(0, -ca.mmin(clearances)) if problem.n_clearances else ca.SX(0)
-    most = abs(largest_cost_rate(problem)) * dt
-    cost = ca.if_else(inside, cost, ca.fmax(ca.fmin(cost, most), -most))
+    limit = abs(largest_cost_rate(problem)) * dt
+    cost = ca.if_else(inside, cost, ca.fmax(ca.fmin(cost, limit), -limit))
     inputs = [x, u, s, w] if disturbed else [x, u, s]
     summary = ca.vertcat(cost, violation, reached, ca.logic_not(inside))
-    return dense_function("tick", inputs, ca.cse([following, summary]))
+    return dense_function("control_step", inputs, ca.cse([following, summary]))
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The result of one control step of B rows.
+
+    Args:
+        states: next states, inside the operating box, (B, nx).
+        cost: ∫L dt over the step, (B,).
+        reached: whether the next state is inside the goal ball, (B,).
+        violation: max(0, −smallest clearance) at the next state, in the clearance's unit, (B,).
+        left_box: whether the state left the operating box and was clipped, (B,).
+    """
+
+    states: Array
+    cost: Array
+    reached: Bools
+    violation: Array
+    left_box: Bools
+
+
+class ControlStep:
+    """One control step of a fixed number of rows, in place.
+
+    Write ``state``, ``control``, ``context`` and, if there is one, ``disturbance``; call :attr:`evaluate`; read
+    ``following``, ``cost``, ``violation``, ``reached`` and ``left_box``. The arrays belong to the function: never
+    replace them, only their values. Copying and pickling carry the values over.
+
+    Args:
+        function: a control step as built by :meth:`Simulator.control_step`.
+
+    Attributes:
+        state: (rows, nx).
+        control: (rows, nu), clipped to its box by the step.
+        context: (rows, nc).
+        disturbance: term added to ẋ during the step, (rows, nx), or (rows, 0) in a step without one.
+        following: next state, (rows, nx).
+        cost, violation: (rows,), as in :class:`Step`.
+        reached, left_box: (rows,), as in :class:`Step`, as 0 or 1.
+        evaluate: computes the results from the inputs.
+    """
+
+    def __init__(self, function: BoundFunction) -> None:
+        self._function = function
+        self.evaluate = function.__call__
+        self.state, self.control, self.context, *more = function.inputs
+        self.disturbance: Array = more[0] if more else np.empty((function.size, 0))
+        self.following, summary = function.outputs
+        self.cost, self.violation, self.reached, self.left_box = summary.T
+
+    def __reduce__(self) -> tuple[type[ControlStep], tuple[BoundFunction]]:
+        return ControlStep, (self._function,)
 
 
 class Simulator:
-    """Time steps of a problem, for any number of rows.
+    """Control steps of a problem, for any number of rows.
 
     Args:
-        problem: what to simulate; ``problem.with_constants(...)`` for a mismatch.
-        dt: length of a tick in seconds.
-        substeps: Runge-Kutta steps within a tick; by default as many as keep each below the problem's
+        problem: what to simulate; ``problem.with_constants(...)`` for a plant that differs from the model.
+        dt: length of a control step, s.
+        substeps: Runge-Kutta steps within a control step; by default as many as keep each below the problem's
             ``longest_substep``.
 
     Raises:
@@ -131,25 +167,25 @@ class Simulator:
 
     @cached_property
     def _plain(self) -> BatchFunction:
-        return BatchFunction(_tick(self.problem, self.dt, self.substeps, False))
+        return BatchFunction(_step_function(self.problem, self.dt, self.substeps, False))
 
     @cached_property
     def _disturbed(self) -> BatchFunction:
-        return BatchFunction(_tick(self.problem, self.dt, self.substeps, True))
+        return BatchFunction(_step_function(self.problem, self.dt, self.substeps, True))
 
     def advance(
         self, states: ArrayLike, controls: ArrayLike, contexts: ArrayLike, disturbance: ArrayLike | None = None
     ) -> Step:
-        """One tick.
+        """One control step of B rows.
 
         Args:
             states: (B, nx).
             controls: (B, nu), clipped to their box.
             contexts: (B, nc).
-            disturbance: added to ẋ over the whole tick, (B, nx).
+            disturbance: term added to ẋ during the step, (B, nx); none by default.
 
         Raises:
-            ValueError: shapes that do not belong together.
+            ValueError: arrays of other shapes.
         """
         system = self.problem.system
         sizes = {"states": system.nx, "controls": system.nu, "contexts": len(self.problem.context)}
@@ -166,10 +202,14 @@ class Simulator:
         cost, violation, reached, left_box = np.ascontiguousarray(summary.T)
         return Step(following, cost, reached > 0, violation, left_box > 0)
 
-    def bind(self, rows: int, disturbed: bool = False) -> BoundFunction:
-        """The tick in place on a fixed number of rows, for the environments.
+    def control_step(self, rows: int, disturbed: bool = False) -> ControlStep:
+        """One control step in place.
 
-        ``inputs`` are states, controls, contexts and, if ``disturbed``, the disturbance; ``outputs`` are the next
-        states and a summary (rows, 4) of cost, violation, reached and left the box (0 or 1).
+        Args:
+            rows: number of rows.
+            disturbed: whether the step takes a disturbance.
+
+        Raises:
+            ValueError: fewer than one row.
         """
-        return (self._disturbed if disturbed else self._plain).bind(rows)
+        return ControlStep((self._disturbed if disturbed else self._plain).bind(rows))

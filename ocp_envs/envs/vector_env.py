@@ -8,33 +8,41 @@ from typing import Any, ClassVar
 import gymnasium as gym
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from ocp_envs.envs.options import RENDER_MODES, Settings
+from ocp_envs.envs.generators import Generators
+from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
+from ocp_envs.envs.outcome import Outcome
+from ocp_envs.envs.plant import Plant
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.render.film import Film
-from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.trajectory import Trajectory
 
 
 class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """``num_envs`` episodes of :class:`~ocp_envs.envs.env.Env` as batched arrays.
 
-    Spaces, reward, starts, ends and arguments are those of :class:`~ocp_envs.envs.env.Env`. ``info`` follows
+    Spaces, reward, initial states and ends of episodes are those of :class:`~ocp_envs.envs.env.Env`. ``info`` follows
     Gymnasium's vector convention: arrays of length ``num_envs`` and a mask ``_key`` of the rows that have the key.
     ``options["parameters"]`` is (np,) for all rows or (num_envs, np); ``options["reset_mask"]``, (num_envs,) bool,
-    restarts only these rows.
+    selects the rows that are reset.
 
     Args:
         problem: the problem or its name; given by ``gym.make_vec``.
         num_envs: number of episodes.
-        autoreset_mode: what follows the end of an episode. ``NEXT_STEP``: the next step restarts it, ignoring its
-            action, with reward 0. ``SAME_STEP``: it restarts at once; ``info`` has ``final_obs`` and ``final_info``.
-            ``DISABLED``: the row stands still, with reward 0 and its end still flagged, until a reset restarts it.
-        arguments: the keyword arguments of :class:`~ocp_envs.envs.env.Env`.
+        autoreset_mode: what follows the end of an episode. ``NEXT_STEP``: the next step resets it, ignoring its
+            action, with reward 0. ``SAME_STEP``: it is reset at once; ``info`` has ``final_obs`` and ``final_info``.
+            ``DISABLED``: the row stands still, with reward 0 and its end still flagged, until it is reset.
+        dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode: as in
+            :class:`~ocp_envs.envs.env.Env`.
+
+    Raises:
+        TypeError: an argument that is not in this list.
+        ValueError: an argument out of its range.
+        UnknownProblemError: no problem of that name.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
@@ -44,95 +52,109 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         problem: OptimalControlProblem | str,
         num_envs: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        **arguments: Any,
+        *,
+        dt: float = 0.02,
+        terminate_at_goal: bool = True,
+        time_limit: float | None = None,
+        constants: Mapping[str, float] | None = None,
+        disturbance: ArrayLike = 0.0,
+        observation_noise: ArrayLike = 0.0,
+        delay: int = 0,
+        render_mode: str | None = None,
+        **unknown: object,
     ) -> None:
-        self.settings = settings = Settings(problem, **arguments)  # type: ignore[arg-type]
+        refuse_unknown(VectorEnv, unknown)
+        self.options = options = Options(
+            problem_of(problem),
+            dt,
+            terminate_at_goal,
+            time_limit,
+            constants or {},
+            disturbance,
+            observation_noise,
+            delay,
+            render_mode,
+        )
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**settings.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
-        self.render_mode = settings.render_mode
-        self.single_observation_space = settings.observation_space
-        self.single_action_space = settings.action_space
-        self.observation_space = batch_space(settings.observation_space, num_envs)
-        self.action_space = batch_space(settings.action_space, num_envs)
-        self._run = settings.simulator.bind(num_envs, settings.disturbed)
-        self._observed = np.zeros((num_envs, *settings.observation_space.shape), dtype=np.float32)
-        self._parameters = np.zeros((num_envs, len(self.problem.parameters)))
-        self._queue = np.zeros((num_envs, settings.delay, self.problem.system.nu))
-        self._ticks = np.zeros(num_envs, dtype=np.int64)
+        self.metadata = {**options.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
+        self.render_mode = options.render_mode
+        self.single_observation_space = options.observation_space
+        self.single_action_space = options.action_space
+        self.observation_space = batch_space(options.observation_space, num_envs)
+        self.action_space = batch_space(options.action_space, num_envs)
+        self._plant = Plant(options, num_envs)
+        self._generators = Generators(num_envs, self.problem.system.nx)
+        self._observed = np.zeros((num_envs, *options.observation_space.shape), dtype=np.float32)
+        self._steps = np.zeros(num_envs, dtype=np.int64)
         self._terminated = np.zeros(num_envs, dtype=np.bool_)
         self._truncated = np.zeros(num_envs, dtype=np.bool_)
-        self._generators: list[np.random.Generator] = []
         self._all = np.arange(num_envs)
         self._begun = False
-        self._film = Film(settings.dt, num_envs)
+        self._film = Film(options.dt, num_envs)
 
     @property
     def problem(self) -> OptimalControlProblem:
         """The nominal problem; the plant differs from it if ``constants`` were given."""
-        return self.settings.problem
+        return self.options.problem
 
     @property
     def dt(self) -> float:
-        """Length of a tick in seconds."""
-        return self.settings.dt
+        """Length of a control step, s."""
+        return self.options.dt
 
     @property
     def state(self) -> Array:
         """The true states, (num_envs, nx)."""
-        return self._run.inputs[0].copy()
+        return self._plant.step.state.copy()
 
     @property
     def context(self) -> Array:
         """The contexts of the episodes, (num_envs, nc)."""
-        return self._run.inputs[2].copy()
+        return self._plant.step.context.copy()
 
     @property
     def parameters(self) -> Array:
-        """p of the running episodes, (num_envs, np)."""
-        return self._parameters.copy()
+        """p of the present episodes, (num_envs, np)."""
+        return self._plant.parameters.copy()
 
-    # -- starting --------------------------------------------------------------------------------------------------
+    # -- beginning -------------------------------------------------------------------------------------------------
 
-    def _generator(self, row: int) -> np.random.Generator:
-        if not self._generators:
-            seeds = self.np_random.integers(2**31, size=self.num_envs)
-            self._generators = [seeding.np_random(int(seed))[0] for seed in seeds]
-        return self._generators[row]
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin episodes.
 
-    def _seed(self, seed: int | Sequence[int | None] | None, rows: NDArray[np.int64]) -> None:
-        if seed is None:
-            return
+        Args:
+            seed: an integer s seeds row i with s + i; a sequence gives each row its own.
+            options: ``parameters``, ``extrapolate`` and ``reset_mask``; see the class.
+
+        Returns:
+            The observations and ``info``.
+
+        Raises:
+            ValueError: an unknown option, or parameters of another shape, not finite, or outside the box without
+                ``extrapolate``.
+        """
+        known, given = self.options.check_reset(options, "reset_mask")
+        rows = self._rows(known)
+        if given is not None:
+            if len(given) not in (1, self.num_envs):
+                raise ValueError(
+                    f"{self.problem.id}: expected parameters of 1 or {self.num_envs} rows, got {len(given)}"
+                )
+            given = np.broadcast_to(given, self._plant.parameters.shape)[rows]
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
-            seed = [int(seed) + row for row in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise ValueError(f"expected an integer seed or {self.num_envs} seeds, got {len(seed)}")
-        if len(self._generators) < self.num_envs and None not in seed:
-            self._generators = [seeding.np_random(s)[0] for s in seed]
-            return
-        for row in rows:
-            if seed[row] is not None:
-                self._generator(row)
-                self._generators[row] = seeding.np_random(seed[row])[0]
+        self._generators.seed(seed, rows)
+        info = self._begin(rows, given)
+        self._begun = True
+        if self.render_mode == "human":
+            self.render()
+        return self._observed.copy(), info
 
-    def _start(self, rows: NDArray[np.int64], parameters: Array | None = None) -> None:
-        """Start new episodes in ``rows`` from ``parameters`` (len(rows), np), drawn if not given."""
-        if parameters is None:
-            parameters = np.array([self.settings.draw_parameters(self._generator(row)) for row in rows])
-        states, contexts = self.problem.start(parameters)
-        self._run.inputs[0][rows] = states
-        self._run.inputs[2][rows] = contexts
-        self._observed[rows, states.shape[1] :] = contexts
-        self._parameters[rows] = parameters
-        self._queue[rows] = self.problem.goal.control
-        self._ticks[rows] = 0
-        self._terminated[rows] = False
-        self._truncated[rows] = False
-        if self.render_mode is not None:
-            self._film.begin(rows, states)
-
-    def _rows(self, options: Mapping[str, Any]) -> NDArray[np.int64]:
+    def _rows(self, options: Mapping[str, Any]) -> Ints:
+        """The rows that a reset with ``options`` begins."""
         if "reset_mask" not in options:
             return self._all
         mask = np.asarray(options["reset_mask"])
@@ -142,79 +164,46 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
                 f"got {mask.dtype} of shape {mask.shape}"
             )
         if not self._begun and not mask.all():
-            raise ResetNeeded("the first reset must start all rows; call reset() without a reset_mask")
+            raise ResetNeeded("the first reset must begin all rows; call reset() without a reset_mask")
         return np.flatnonzero(mask)
 
-    def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Start episodes; see the class for ``options``.
-
-        Args:
-            seed: an integer s seeds row i with s + i; a sequence gives each row its own.
-            options: ``parameters``, ``extrapolate`` and ``reset_mask``.
-
-        Raises:
-            ValueError: an unknown option, or parameters of another shape, not finite, or outside the box without
-                ``extrapolate``.
-        """
-        known = self.settings.check_options(options, "reset_mask")
-        rows = self._rows(known)
-        given = known.get("parameters")
-        if given is not None:
-            given = self.settings.check_start(given, known)
-            if len(given) not in (1, self.num_envs):
-                raise ValueError(
-                    f"{self.problem.id}: expected parameters of 1 or {self.num_envs} rows, got {len(given)}"
-                )
-            given = np.broadcast_to(given, self._parameters.shape)[rows]
-        self._seed(seed, rows)
-        self._start(rows, given)
-        self._begun = True
-        started = np.zeros(self.num_envs, dtype=np.bool_)
-        started[rows] = True
+    def _begin(self, rows: Ints, parameters: Array | None = None) -> dict[str, Any]:
+        """Begin episodes in ``rows`` with ``parameters`` (len(rows), np), drawn if not given; their ``info``."""
+        if parameters is None:
+            parameters = np.array([self.options.draw_parameters(self._generators[row]) for row in rows])
+        step = self._plant.step
+        self._plant.begin(rows, parameters)
+        self._observed[rows, self.problem.system.nx :] = step.context[rows]
+        self._steps[rows] = 0
+        self._terminated[rows] = False
+        self._truncated[rows] = False
+        if self.render_mode is not None:
+            self._film.begin(rows, step.state[rows])
         self._observe(rows)
-        if self.render_mode == "human":
-            self.render()
-        return self._observed.copy(), self._start_info(started)
-
-    def _start_info(self, started: Bools) -> dict[str, Any]:
-        return {"parameters": np.where(started[:, None], self._parameters, 0.0), "_parameters": started}
+        begun = np.zeros(self.num_envs, dtype=np.bool_)
+        begun[rows] = True
+        return {"parameters": np.where(begun[:, None], self._plant.parameters, 0.0), "_parameters": begun}
 
     # -- running ---------------------------------------------------------------------------------------------------
 
-    def _observe(self, rows: NDArray[np.int64]) -> None:
-        """Measure the states of ``rows`` anew."""
-        states = self._run.inputs[0]
-        nx = states.shape[1]
-        if self.settings.noisy:
-            noise = np.array([self._generator(row).standard_normal(nx) for row in rows])
-            box = self.problem.system.state
-            measured = states[rows] + self.settings.observation_noise * noise.reshape(-1, nx)
-            self._observed[rows, :nx] = np.clip(measured, box.lower, box.upper)
+    def _observe(self, rows: Ints) -> None:
+        """Observe the states of ``rows``."""
+        state, nx = self._plant.step.state, self.problem.system.nx
+        if self.options.noisy:
+            self._observed[rows, :nx] = self._plant.measure(rows, self._generators.normal)
         elif len(rows) == self.num_envs:
-            self._observed[:, :nx] = states
+            self._observed[:, :nx] = state
         else:
-            self._observed[rows, :nx] = states[rows]
-
-    def _apply(self, actions: ArrayLike, rows: NDArray[np.int64]) -> None:
-        """Write controls and disturbances of ``rows`` into the simulator; those of other rows do not matter."""
-        actions = np.asarray(actions)
-        controls = self._run.inputs[1]
-        if actions.shape != controls.shape:
-            raise ValueError(f"{self.problem.id}: expected actions of shape {controls.shape}, got {actions.shape}")
-        if self.settings.delay:
-            controls[:] = self._queue[:, 0]
-            self._queue[rows] = np.concatenate([self._queue[rows, 1:], actions[rows, None]], axis=1)
-        else:
-            controls[:] = actions
-        if self.settings.disturbed:
-            nx = self.problem.system.nx
-            draws = np.array([self._generator(row).standard_normal(nx) for row in rows])
-            self._run.inputs[3][rows] = self.settings.disturbance * draws.reshape(-1, nx)
+            self._observed[rows, :nx] = state[rows]
 
     def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, Bools, Bools, dict[str, Any]]:
-        """One tick of ``dt`` seconds under ``actions``, (num_envs, nu); rows whose episode is over do not move.
+        """Advance the episodes by one control step; rows whose episode is over stand still.
+
+        Args:
+            actions: the controls, (num_envs, nu), clipped to their bounds.
+
+        Returns:
+            Observations, rewards, terminated, truncated, each of ``num_envs`` rows, and ``info``.
 
         Raises:
             ResetNeeded: before the first :meth:`reset`.
@@ -222,65 +211,49 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call reset() before step()")
+        controls, expected = np.asarray(actions), self._plant.step.control.shape
+        if controls.shape != expected:
+            raise ValueError(f"{self.problem.id}: expected actions of shape {expected}, got {controls.shape}")
         over = self._terminated | self._truncated
         moving = ~over
         rows = np.flatnonzero(moving) if over.any() else self._all
-        self._apply(actions, rows)
-        cost, values, left_box = self._move(moving, rows)
+        self._plant.advance(controls, rows, self._generators.normal)
+        outcome = self._conclude(moving)
         self._observe(rows)
         if self.render_mode is not None:
-            self._film.record(rows, self._run.inputs[0], cost)
+            self._film.record(rows, self._plant.step.state, outcome.cost)
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
-        ended = moving & (terminated | truncated)
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP and len(rows) < self.num_envs:
-            info = _vector_info(values, moving, left_box) | self._restart(over)
+        if self.autoreset_mode is AutoresetMode.NEXT_STEP and over.any():
+            info = outcome.info(moving) | self._begin(np.flatnonzero(over))
             terminated[over] = truncated[over] = False
-        elif self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
-            final = np.full(self.num_envs, None, dtype=object)
-            for row in np.flatnonzero(ended):
-                final[row] = self._observed[row].copy()
-            info = _vector_info(values, moving & ~ended, left_box)
-            info |= {"final_obs": final, "_final_obs": ended}
-            info |= {"final_info": _vector_info(values, ended, left_box), "_final_info": ended.copy()}
-            info |= self._restart(ended)
+        elif self.autoreset_mode is AutoresetMode.SAME_STEP and (ended := moving & (terminated | truncated)).any():
+            info = outcome.info(moving & ~ended) | outcome.final_info(ended, self._observed)
+            info |= self._begin(np.flatnonzero(ended))
         else:
-            info = _vector_info(values, moving, left_box)
+            info = outcome.info(moving)
         if self.render_mode == "human":
             self.render()
-        return self._observed.copy(), -cost, terminated, truncated, info
+        return self._observed.copy(), -outcome.cost, terminated, truncated, info
 
-    def _move(self, moving: Bools, rows: NDArray[np.int64]) -> tuple[Array, dict[str, NDArray[Any]], Bools]:
-        """Advance the moving rows; their cost, the values of ``info``, and which left the box, each (num_envs,)."""
-        run, settings = self._run, self.settings
-        run()
-        following, summary = run.outputs
-        if len(rows) == self.num_envs:
-            run.inputs[0][:] = following
-        else:
-            run.inputs[0][rows] = following[rows]
-        reached = (summary[:, 2] > 0) & moving
-        left_box = (summary[:, 3] > 0) & moving
-        cost = np.where(moving, summary[:, 0], 0.0)
+    def _conclude(self, moving: Bools) -> Outcome:
+        """Charge the ``moving`` rows that left the box, and note which episodes ended."""
+        step, options = self._plant.step, self.options
+        reached = (step.reached > 0) & moving
+        left_box = (step.left_box > 0) & moving
+        cost = np.where(moving, step.cost, 0.0)
         if left_box.any():
-            cost[left_box] = settings.charge(settings.ticks - self._ticks[left_box])
-        self._ticks += moving
-        terminated = left_box | reached if settings.terminate_at_goal else left_box
+            cost[left_box] = options.charge(self._steps[left_box])
+        self._steps += moving
+        terminated = left_box | reached if options.terminate_at_goal else left_box
         self._terminated |= terminated
-        self._truncated |= moving & ~terminated & (self._ticks >= settings.ticks)
-        values = {"is_success": reached, "cost": cost}
-        if self.problem.n_clearances:
-            values["violation"] = summary[:, 1].copy()
-        return cost, values, left_box
-
-    def _restart(self, mask: Bools) -> dict[str, Any]:
-        """Start new episodes in the rows of ``mask``; their ``info``."""
-        rows = np.flatnonzero(mask)
-        self._start(rows)
-        self._observe(rows)
-        return self._start_info(mask)
+        self._truncated |= moving & ~terminated & (self._steps >= options.max_steps)
+        return Outcome(reached, cost, step.violation.copy() if self.problem.n_clearances else None, left_box)
 
     def show_plan(self, plans: Trajectory) -> None:
-        """Show ``plans``, one for each row, in the pictures of these episodes; call it after :meth:`reset`.
+        """Show plans in the pictures of the present episodes; call it after :meth:`reset`.
+
+        Args:
+            plans: one for each row.
 
         Raises:
             ValueError: another number of plans.
@@ -292,28 +265,12 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if self.render_mode is None:
             gym.logger.warn('render() needs render_mode="rgb_array" or "human" when the environment is made')
             return None
-        contexts = self._run.inputs[2]
+        contexts = self._plant.step.context
         if self.render_mode == "human":
             self._film.show(self.problem, 0, contexts[0])
             return None
         return tuple(self._film.frame(self.problem, row, contexts[row]) for row in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if there is one; ``kwargs`` are not used."""
         self._film.close()
-
-
-def _vector_info(values: Mapping[str, NDArray[Any]], mask: Bools, left_box: Bools) -> dict[str, Any]:
-    """``values`` of the rows of ``mask`` in Gymnasium's vector convention."""
-    info: dict[str, Any] = {}
-    if not mask.any():
-        return info
-    for key, value in values.items():
-        info[key] = np.where(mask, value, np.zeros((), dtype=value.dtype))
-        info[f"_{key}"] = mask.copy()
-    failed = left_box & mask
-    if failed.any():
-        info["failure"] = np.full(len(mask), None, dtype=object)
-        info["failure"][failed] = "left_box"
-        info["_failure"] = failed
-    return info

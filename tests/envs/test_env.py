@@ -205,7 +205,7 @@ def test_extrapolates_only_within_the_operating_box():
         ({"constants": {"mas": 1.0}}, "its constants are"),
         ({"disturbance": [1.0, 1.0, 1.0]}, "2 \\(theta, omega\\)"),
         ({"observation_noise": -0.1}, "standard deviations"),
-        ({"delay": 1.5}, "whole number of ticks"),
+        ({"delay": 1.5}, "whole number of control steps"),
         ({"render_mode": "ansi"}, "render_mode must be"),
     ],
 )

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -170,16 +172,34 @@ def test_refuses_wrong_shapes():
     with pytest.raises(ValueError, match="substep"):
         Simulator(PENDULUM, 0.02, 0)
     with pytest.raises(ValueError, match="at least one row"):
-        simulator.bind(0)
+        simulator.control_step(0)
 
 
-def test_in_place_equals_advance():
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_a_step_in_place_equals_advance(disturbed):
     x, u, s = draw_all(QUADCOPTER_OBSTACLE, 6)
+    w = np.random.default_rng(3).normal(size=x.shape) if disturbed else None
     simulator = Simulator(QUADCOPTER_OBSTACLE, 0.02)
-    step = simulator.advance(x, u, s)
-    run = simulator.bind(6)
-    for own, values in zip(run.inputs, (x, u, s)):
-        own[:] = values
-    run()
-    np.testing.assert_array_equal(run.outputs[0], step.states)
-    np.testing.assert_array_equal(run.outputs[1].T, [step.cost, step.violation, step.reached, step.left_box])
+    expected = simulator.advance(x, u, s, w)
+    step = simulator.control_step(6, disturbed)
+    step.state[:], step.control[:], step.context[:] = x, u, s
+    step.disturbance[:] = w if disturbed else 0.0
+    assert step.disturbance.shape == (6, 12 if disturbed else 0)
+    step.evaluate()
+    np.testing.assert_array_equal(step.following, expected.states)
+    results = [step.cost, step.violation, step.reached, step.left_box]
+    np.testing.assert_array_equal(results, [expected.cost, expected.violation, expected.reached, expected.left_box])
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda step: pickle.loads(pickle.dumps(step))])
+def test_a_copied_step_has_the_values_and_shares_nothing(duplicate):
+    step = Simulator(PENDULUM, 0.02).control_step(2)
+    step.state[:], step.control[:] = [[1.0, 0.5], [2.0, 0.0]], [[1.0], [-1.0]]
+    step.evaluate()
+    other = duplicate(step)
+    for name in ("state", "control", "following", "cost"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(step, name))
+    other.control[:] = 0.0
+    other.evaluate()
+    assert not np.array_equal(other.cost, step.cost)
+    assert step.control[0, 0] == 1.0

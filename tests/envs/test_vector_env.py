@@ -12,7 +12,8 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import ocp_envs
-from ocp_envs.envs.env import Env, VectorEnv
+from ocp_envs.envs.env import Env
+from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE

@@ -8,7 +8,7 @@ import pytest
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.rollouts.environments import environments
-from ocp_envs.envs.options import Settings
+from ocp_envs.envs.options import Options
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
@@ -23,8 +23,8 @@ def of(problem, name):
 def test_every_level_is_accepted_by_the_environments(problem):
     for perturbation in benchmark_of(problem).perturbations:
         for level in perturbation.levels:
-            settings = Settings(problem, **perturbation.arguments(problem, level))
-            changed = bool(settings.constants) or settings.disturbed or settings.noisy or settings.delay > 0
+            options = Options(problem, **perturbation.arguments(problem, level))
+            changed = bool(options.constants) or options.disturbed or options.noisy or options.delay > 0
             assert changed == (level != 0)
 
 
@@ -40,7 +40,7 @@ def test_the_plant_has_the_constants_and_the_planner_the_nominal_ones(problem):
                 expected[name] *= 1 + level / 100
             for name in perturbation.divided:
                 expected[name] /= 1 + level / 100
-            assert envs.unwrapped.settings.simulator.problem.system.constants == pytest.approx(expected)
+            assert envs.unwrapped.options.simulator.problem.system.constants == pytest.approx(expected)
             assert envs.unwrapped.problem is problem
             envs.close()
 

@@ -27,10 +27,10 @@ def test_a_problem_need_not_be_registered():
 
 def test_environments_neither_restart_nor_end_at_the_goal_unless_told():
     envs = environments(PENDULUM, 2, 0.05, time_limit=4.0)
-    assert (envs.dt, envs.num_envs, envs.settings.time_limit) == (0.05, 2, 4.0)
+    assert (envs.dt, envs.num_envs, envs.options.time_limit) == (0.05, 2, 4.0)
     assert envs.autoreset_mode is AutoresetMode.DISABLED
-    assert not envs.settings.terminate_at_goal
-    assert environments(PENDULUM, 2, terminate_at_goal=True).settings.terminate_at_goal
+    assert not envs.options.terminate_at_goal
+    assert environments(PENDULUM, 2, terminate_at_goal=True).options.terminate_at_goal
 
 
 def test_the_base_is_found_inside_wrappers_and_others_are_refused():

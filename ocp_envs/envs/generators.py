@@ -1,0 +1,54 @@
+"""Random generators of the rows of a vector environment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from gymnasium.utils import seeding
+
+from ocp_envs.support.arrays import Array, Ints
+
+
+class Generators:
+    """One random generator for each row, seeded from the operating system until a seed is given.
+
+    Args:
+        rows: number of rows.
+        size: length of a row's state.
+    """
+
+    def __init__(self, rows: int, size: int) -> None:
+        self._size = size
+        self._of: list[np.random.Generator | None] = [None] * rows
+
+    def __getitem__(self, row: int) -> np.random.Generator:
+        generator = self._of[row]
+        if generator is None:
+            generator = self._of[row] = seeding.np_random()[0]
+        return generator
+
+    def seed(self, seed: int | Sequence[int | None] | None, rows: Ints) -> None:
+        """Restart the generators of ``rows``.
+
+        Args:
+            seed: an integer s seeds row i with s + i; a sequence holds a seed for each row, or ``None`` to leave it.
+            rows: indices of the rows to seed; a row without a generator is seeded in any case.
+
+        Raises:
+            ValueError: a sequence of another length.
+        """
+        if seed is None:
+            return
+        if isinstance(seed, (int, np.integer)):
+            seed = [int(seed) + row for row in range(len(self._of))]
+        if len(seed) != len(self._of):
+            raise ValueError(f"expected an integer seed or {len(self._of)} seeds, got {len(seed)}")
+        due = {*rows.tolist(), *(row for row, generator in enumerate(self._of) if generator is None)}
+        for row in due:
+            if seed[row] is not None:
+                self._of[row] = seeding.np_random(seed[row])[0]
+
+    def normal(self, rows: Ints) -> Array:
+        """Standard normal numbers (len(rows), size), each row's from its own generator."""
+        return np.array([self[row].standard_normal(self._size) for row in rows]).reshape(-1, self._size)

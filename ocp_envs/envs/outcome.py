@@ -1,0 +1,63 @@
+"""What one control step of a vector environment led to, and its ``info``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ocp_envs.support.arrays import Array, Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """Results of one control step of n rows; those of rows that did not move are zero.
+
+    Args:
+        reached: the state is in the goal ball, (n,).
+        cost: cost of the step with the charge for leaving the operating box, (n,).
+        violation: violation of the path constraints at its end, (n,), or ``None`` without constraints.
+        left_box: the state left the operating box, (n,).
+    """
+
+    reached: Bools
+    cost: Array
+    violation: Array | None
+    left_box: Bools
+
+    def info(self, rows: Bools) -> dict[str, Any]:
+        """``info`` of the ``rows`` (n,) in Gymnasium's vector convention: arrays, and masks under ``_key``."""
+        if not rows.any():
+            return {}
+        values: dict[str, NDArray[Any]] = {"is_success": self.reached, "cost": self.cost}
+        if self.violation is not None:
+            values["violation"] = self.violation
+        info: dict[str, Any] = {}
+        for key, value in values.items():
+            info[key] = np.where(rows, value, np.zeros((), dtype=value.dtype))
+            info[f"_{key}"] = rows.copy()
+        failed = self.left_box & rows
+        if failed.any():
+            info["failure"] = np.full(len(rows), None, dtype=object)
+            info["failure"][failed] = "left_box"
+            info["_failure"] = failed
+        return info
+
+    def final_info(self, ended: Bools, observed: NDArray[np.float32]) -> dict[str, Any]:
+        """What ``info`` keeps of episodes whose rows begin another one in the same step.
+
+        Args:
+            ended: rows whose episode ended, (n,).
+            observed: last observations, (n, nx + nc).
+        """
+        final = np.full(len(ended), None, dtype=object)
+        for row in np.flatnonzero(ended):
+            final[row] = observed[row].copy()
+        return {
+            "final_obs": final,
+            "_final_obs": ended,
+            "final_info": self.info(ended),
+            "_final_info": ended.copy(),
+        }
