@@ -1,146 +1,156 @@
-"""What reinforcement learning and planners get for what they spend: against environment steps, and against wall time.
+"""What planners and reinforcement learners reach for what they spend: environment steps and wall time.
 
-Learners: the training curves of scripts/train_rl.py in ``results/training_<algorithm>_<env>[_seedN].json``, all seeds
-that are there. Planners: the successes of ``results/compare_training_<env>.json`` over the solves and times of
-``results/generation_<env>.json``. The curves are from the development parameters, so what is shipped of either kind,
-and the optimal trajectories, are rolled out from these too, which takes a minute or two. What each side is given, and
-how its budget is counted, stands in the record: ``results/budgets_<env>.json``, drawn in ``.png``.
+Learners: the trainings in ``training_<algorithm>_<env>[_seed<n>].json``, all seeds that are there. Planners: the
+successes in ``compare_training_<env>.json`` and the solves and times in ``generation_<env>.json``. Training curves are
+evaluated on the development set; so the shipped models and the optimal trajectories are rolled out from it, too, which
+takes a minute or two. The record says what each side is given, and how its budget is counted. Writes
+``budgets_<env>.json`` and ``.png``.
 
     python scripts/compare_budgets.py --env GroundVehicle-v0
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
-import torch
 
-import ocp_envs
 from moe_policy import store
+from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.budgets import (
-    BUDGET_COLUMNS,
-    GIVEN,
-    PlannerBudget,
-    budget_rows,
-    generation_record,
-    planner_rows,
-)
-from moe_policy.experiments.curves import learner_record, learner_runs
+from moe_policy.experiments.budgets import BUDGET_COLUMNS, GIVEN, Budgets, Level, ShippedPlanner
 from moe_policy.experiments.figures.budgets import budgets_figure
+from moe_policy.experiments.learner_budgets import ChosenActor, DevelopmentMetrics, LearnerBudget
+from moe_policy.experiments.learners import CaseSet, LearnerTraining, learner_trainings
 from moe_policy.experiments.methods import Method, solve_all
+from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, Trained, planner_rows
+from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import text_table
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.stored import StoredPlans
 from moe_policy.rl.actor import LearnedPolicy
-from moe_policy.rl.evaluation import Performance
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
-from ocp_envs.support.provenance import provenance, write_json
+from ocp_envs.sets.reference import Reference
+from ocp_envs.support.provenance import provenance
 
-ROOT = Path(__file__).resolve().parents[1]
+#: Control period, seconds.
 DT = 0.02
 
 
-def on_development(problem: OptimalControlProblem, method: Method, cases: reference.Reference) -> dict[str, Any]:
-    """What an evaluation of a learner says, of anybody: planners are judged as such, and charged as learners are."""
-    envs = environments(problem, len(cases), DT)
-    policy = method.policy(problem, DT)
-    figures = asdict(Performance.of(problem, rollout(envs, policy, cases.parameters), cases.cost))
+@dataclass(frozen=True)
+class Sources:
+    """The records that are read.
+
+    Args:
+        trainings: of learners, by name in the order of the comparison.
+        trained: planners on the validation set.
+        effort: for the training set; ``None`` where it is not known.
+    """
+
+    trainings: dict[str, list[LearnerTraining]]
+    trained: list[Trained]
+    effort: GenerationEffort | None
+
+    @classmethod
+    def read(cls, folder: Path, problem: OptimalControlProblem) -> Sources:
+        """The records of ``problem`` in ``folder``."""
+        found = learner_trainings(folder, problem)
+        order = dict.fromkeys((*benchmark_of(problem).learners.settings, *found))
+        return cls(
+            trainings={name: found[name] for name in order if name in found},
+            trained=Trained.read(folder / f"compare_training_{problem.id}.json"),
+            effort=GenerationEffort.read(folder, problem),
+        )
+
+
+def on_development(problem: OptimalControlProblem, method: Method, cases: Reference) -> DevelopmentMetrics:
+    """The metrics of ``method`` from ``cases``; the return of a planner is charged as that of a learner is."""
+    envs, policy = environments(problem, len(cases), DT), method.policy(problem, DT)
+    episodes, charged = rollout(envs, policy, cases.parameters), None
     if method.planner is not None:
         charged = rollout(envs, policy, cases.parameters, evaluation="goal")
-        figures["mean_return"] = Performance.of(problem, charged).mean_return
     envs.close()
-    return figures | {"success": figures["success"] / len(cases)}
+    return DevelopmentMetrics.of(problem, episodes, cases.cost, charged)
 
 
 def chosen_actor(
-    problem: OptimalControlProblem, name: str, run: Mapping[str, Any], cases: reference.Reference
-) -> dict[str, Any] | None:
-    """The shipped actor of the learner ``name`` on the development set, and when in its training it was chosen."""
+    problem: OptimalControlProblem, name: str, training: LearnerTraining, cases: Reference
+) -> ChosenActor | None:
+    """The shipped actor of the learner ``name`` on ``cases``, and when in its ``training`` it was chosen."""
     if name not in store.available(problem):
         return None
     policy = store.load(problem, name, kind=LearnedPolicy)
-    steps = policy.details["steps"]
-    curve = dict(zip(run["curves"][0]["steps"], run["curves"][0]["seconds"]))
+    seconds = {point.steps: point.seconds for point in training.run.curve}
+    steps = cast(int, policy.details["steps"])
     development = on_development(problem, Method(name, policy), cases)
-    return {"steps": steps, "seconds": curve.get(steps), "development": development}
+    return ChosenActor(steps=steps, seconds=seconds.get(steps), development=development)
 
 
-def shipped_rows(problem: OptimalControlProblem, generation: Any, cases: reference.Reference) -> list[dict[str, Any]]:
-    """The shipped networks of the benchmark on the development set, with what they took."""
+def shipped_planners(
+    problem: OptimalControlProblem, effort: GenerationEffort | None, cases: Reference
+) -> tuple[ShippedPlanner, ...]:
+    """The shipped networks of the benchmark on ``cases``, with what their data (``effort``) and training took."""
     rows = []
     for name in benchmark_of(problem).planners.compared:
-        if name not in store.available(problem):
-            continue
-        planner = store.load(problem, name, kind=NetworkPlanner)
-        samples, seconds = planner.details["samples"], planner.details["training"]["seconds"]
-        budget = None
-        if generation is not None:
-            budget = PlannerBudget.of(problem, generation, samples, [seconds]).record()
-        development = on_development(problem, Method(name, planner), cases)
-        rows.append({"name": name, "samples": samples, "budget": budget, "development": development})
-    return rows
+        if name in store.available(problem):
+            planner = store.load(problem, name, kind=NetworkPlanner)
+            samples, seconds = planner.details["samples"], [planner.details["training"]["seconds"]]
+            budget = None if effort is None else PlannerBudget.of(problem, effort, samples, seconds)
+            development = on_development(problem, Method(name, planner), cases)
+            rows.append(ShippedPlanner(name=name, samples=samples, budget=budget, development=development))
+    return tuple(rows)
+
+
+def tracked_optimum(problem: OptimalControlProblem, cases: Reference) -> Level:
+    """The optimal trajectories, tracked, from those of ``cases`` that the solver solves."""
+    trajectories, costs = solve_all(problem, cases.parameters, keep=cli.DATA / "optimal" / problem.id)
+    known = cases[np.isfinite(costs)]
+    method = Method("optimal", StoredPlans(cases.parameters, trajectories))
+    return Level(name="optimal, tracked", cases=len(known), development=on_development(problem, method, known))
+
+
+def compare(problem: OptimalControlProblem, sources: Sources, count: int | None) -> Budgets:
+    """The record of ``problem``, with planners evaluated from the first ``count`` development parameters, or all."""
+    development, validation = (reference.load(problem, name) for name in ("development", "validation"))
+    cases, benchmark = development[:count], benchmark_of(problem)
+    learners = {
+        name: LearnerBudget.of(trainings, chosen_actor(problem, name, trainings[0], cases))
+        for name, trainings in sources.trainings.items()
+    }
+    compared = benchmark.planners.compared
+    return Budgets(
+        env_id=problem.id,
+        given=GIVEN,
+        not_attempted=dict(benchmark.learners.unattempted),
+        development=CaseSet(name="development", count=len(development), planners=len(cases)),
+        validation=CaseSet(name="validation", count=len(validation)),
+        learners=learners,
+        generation=sources.effort,
+        planners=planner_rows(problem, sources.trained, sources.effort, compared, len(validation)),
+        shipped=shipped_planners(problem, sources.effort, cases),
+        levels=(tracked_optimum(problem, cases),),
+        provenance=provenance(),
+    ).with_rows()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
-    parser.add_argument("--cases", type=int, help="development parameters of the planners; all by default")
-    parser.add_argument("--records", type=Path, default=ROOT / "results", help="folder of the records that are read")
-    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
-    arguments = parser.parse_args()
-
-    torch.set_num_threads(1)  # the networks are far too small for more
-    problem = ocp_envs.load(arguments.env)
-    known = reference.load(problem, "development")
-    cases = reference.Reference(known.parameters[: arguments.cases], known.mode_costs[: arguments.cases])
-    generation = generation_record(arguments.records, problem)
-    training = arguments.records / f"compare_training_{problem.id}.json"
-    names, count = benchmark_of(problem).planners.compared, len(reference.load(problem, "validation"))
-    rows = json.loads(training.read_text()) if training.exists() else {"sizes": [], "rows": []}
-    runs = learner_runs(arguments.records, problem)
-    # In the order of the comparison.
-    learners = {
-        name: learner_record(runs[name])
-        for name in dict.fromkeys((*benchmark_of(problem).learners.settings, *runs))
-        if name in runs
-    }
-    for name, run in learners.items():
-        run["chosen"] = chosen_actor(problem, name, run, cases)
-    trajectories, costs = solve_all(problem, cases.parameters, keep=ROOT / "data" / "optimal" / problem.id)
-    solved = np.isfinite(costs)  # a level is no method: what was not solved has no optimum to follow
-    followed = trajectories[solved]
-    known_optima = reference.Reference(cases.parameters[solved], cases.mode_costs[solved])
-    optimal = on_development(problem, Method("optimal", lambda p: followed), known_optima)
-    record: dict[str, Any] = {
-        "env_id": problem.id,
-        "given": GIVEN,
-        "not_attempted": dict(benchmark_of(problem).learners.unattempted),
-        "development": {"set": "development", "count": len(known), "planners": len(cases)},
-        "validation": {"set": "validation", "count": count},
-        "learners": learners,
-        "generation": generation,
-        "planners": planner_rows(problem, rows, generation, names, count),
-        "shipped": shipped_rows(problem, generation, cases),
-        "levels": [{"name": "optimal, tracked", "cases": int(solved.sum()), "development": optimal}],
-        "provenance": provenance(),
-    }
-    record["rows"] = budget_rows(record)
-    path = arguments.results / f"budgets_{problem.id}.json"
-    write_json(path, record)
+    parser = cli.parser(__doc__, cases="development parameters from which planners run")
+    parser.add_argument("--records", metavar="FOLDER", type=Path, default=cli.RECORDS, help="records that are read")
+    arguments = parser.parse()
+    cli.threads()
+    record = compare(arguments.problem, Sources.read(arguments.records, arguments.problem), arguments.cases)
+    path = arguments.results / f"budgets_{record.env_id}.json"
+    write(path, record)
     budgets_figure(path.with_suffix(".png"), record)
-    missing = "".join(
-        f"not attempted: {what}: {why}\n" for what, why in benchmark_of(problem).learners.unattempted.items()
-    )
-    print(f"{text_table(record['rows'], BUDGET_COLUMNS)}{missing}written to {path} and .png")
+    cli.say(text_table(record.rows, BUDGET_COLUMNS))
+    for what, why in record.not_attempted.items():
+        cli.say(f"not attempted: {what}: {why}")
+    cli.say(f"written to {path} and .png")
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
-from moe_policy.experiments.budgets import BUDGET_COLUMNS
+from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
 from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, Comparison, Sensitivity
 from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
@@ -30,8 +30,6 @@ BLOCK = re.compile(r"(<!-- table: (\S+)(?: (\w+))? -->\n).*?(<!-- end -->)", re.
 
 
 def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
-    if name.startswith("budgets"):
-        return BUDGET_COLUMNS
     if name == "table_summary":
         return summary_columns(record)
     if name.startswith("compare_splits"):
@@ -48,6 +46,8 @@ def table_of(name: str, part: str | None) -> str:
         return markdown_table(latency.solver, SOLVER_COLUMNS)
     if name == "table_overview":
         return markdown_table(read(path, OverviewTable).rows, OVERVIEW_COLUMNS)
+    if name.startswith("budgets"):
+        return markdown_table(read(path, Budgets).rows, BUDGET_COLUMNS)
     if name.startswith("sensitivity"):
         return markdown_table(read(path, Sensitivity).rows, COLUMNS)
     if fnmatch(name, "compare_[!st]*"):

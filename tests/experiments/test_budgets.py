@@ -1,5 +1,6 @@
-"""What planners' data and training took, and the script and figure of budgets."""
+"""The record of budgets, its table, its figure and its script."""
 
+import dataclasses
 import importlib
 import json
 import sys
@@ -8,90 +9,76 @@ from pathlib import Path
 import pytest
 
 from moe_policy.experiments.benchmark.parts import Benchmark, Learners, Planners
-from moe_policy.experiments.budgets import PlannerBudget, generation_record, planner_rows
-from moe_policy.experiments.curves import curve_of
+from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets, Level, ShippedPlanner
+from moe_policy.experiments.curves import Curve
 from moe_policy.experiments.figures.budgets import budgets_figure
+from moe_policy.experiments.learner_budgets import ChosenActor, DevelopmentMetrics, LearnerBudget
+from moe_policy.experiments.learners import CaseSet
+from moe_policy.experiments.planner_budgets import PlannerBudget, PlannerRow
+from moe_policy.experiments.records import read
+from moe_policy.experiments.tables import markdown_table
 from moe_policy.rl.settings import PPOSettings, SACSettings
 from moe_policy.rollouts.intervals import Spread
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
-from tests.experiments.test_curves import a_run, write
+from ocp_envs.support.provenance import provenance
+from tests.experiments.learner_records import keep, training
+from tests.experiments.test_planner_budgets import EFFORT
 
-# -- planners ----------------------------------------------------------------------------------------------------------
-
-GENERATION = {"problems": 1000, "solves": 4000, "iterations": 40_000, "seconds": 20.0, "workers": 2, "resumed_from": 0}
-
-
-def test_a_planners_budget_is_its_share_of_the_data():
-    whole = PlannerBudget.of(PENDULUM, GENERATION, 1000, [3.0, 9.0, 5.0])
-    assert whole.states_of_solutions == 4000 * PENDULUM.knots
-    assert whole.states_of_iterations == 40_000 * PENDULUM.knots
-    assert whole.seconds == 20.0 + 5.0
-    assert not whole.estimated
-    half = PlannerBudget.of(PENDULUM, GENERATION, 500, [2.0])
-    assert (half.solves, half.iterations, half.seconds, half.estimated) == (2000, 20_000, 12.0, True)
-    with pytest.raises(ValueError, match="expected 1 to 1000 samples"):
-        PlannerBudget.of(PENDULUM, GENERATION, 1001, [1.0])
-
-
-def test_an_interrupted_generation_is_extrapolated_and_says_so():
-    resumed = PlannerBudget.of(PENDULUM, GENERATION | {"resumed_from": 600}, 1000, [1.0])
-    assert (resumed.generation_seconds, resumed.estimated) == (20.0 * 1000 / 400, True)
-    nothing_new = PlannerBudget.of(PENDULUM, GENERATION | {"resumed_from": 1000}, 1000, [1.0])
-    assert (nothing_new.generation_seconds, nothing_new.seconds) == (None, None)
-
-
-def test_the_counts_of_the_data_report_stand_in_for_a_record_of_the_generation(tmp_path):
-    assert generation_record(tmp_path, PENDULUM) is None
-    counts = {"problems": 9, "solves": 20, "iterations": 100}
-    write(tmp_path, f"data_{PENDULUM.id}", {"splits": {"training": counts, "development": {}}})
-    assert PlannerBudget.of(PENDULUM, generation_record(tmp_path, PENDULUM), 9, [1.0]).seconds is None
-    write(tmp_path, f"generation_{PENDULUM.id}", {"development": GENERATION})
-    assert generation_record(tmp_path, PENDULUM) == counts
-    write(tmp_path, f"generation_{PENDULUM.id}", {"training": GENERATION})
-    assert generation_record(tmp_path, PENDULUM) == GENERATION
-
-
-def trained(name, samples, success, **more):
-    return {"name": name, "samples": samples, "success": success, "training_seconds": [1.0] * len(success), **more}
-
-
-def test_planners_are_listed_by_the_size_of_their_data():
-    record = {
-        "sizes": [trained("snn", 100, [20, 30]), trained("snn", 1000, [40, 45])],
-        "rows": [trained("snn", 1000, [40, 45]), trained("moe-custom", 1000, [50], cases=[50]), trained("x", 9, [1])],
-    }
-    rows = planner_rows(PENDULUM, record, GENERATION, ("moe-custom", "snn"), 50)
-    assert [(row["name"], row["samples"]) for row in rows] == [("moe-custom", 1000), ("snn", 100), ("snn", 1000)]
-    assert [row["validation_success"]["most"] for row in rows] == [1.0, 0.6, 0.9]
-    assert rows[1]["budget"]["solves"] == 400
-    assert all(row["budget"] is None for row in planner_rows(PENDULUM, record, None, ("snn",), 50))
-
-
-# -- the figure --------------------------------------------------------------------------------------------------------
+OLD = training(PPOSettings(steps=300), [1, 20, 50])
+BUDGET = PlannerBudget.of(PENDULUM, EFFORT, 500, [2.0, 3.0])
+DEVELOPMENT = DevelopmentMetrics(success=0.9, cost_ratio=0.95, mean_return=-4.0, violation=None)
 
 
 def a_record(**changes):
-    development = {"success": 0.9, "cost_ratio": 0.95, "mean_return": -4.0, "violation": None}
-    old = curve_of(a_run(PPOSettings(steps=300), [1, 20, 50]))
-    new = old | {"cost_ratio": [None, 1.2, 1.1], "mean_return": [-300.0, -50.0, -4.5], "seed": 1}
-    budget = PlannerBudget.of(PENDULUM, GENERATION, 500, [2.0, 3.0]).record()
-    record = {
-        "env_id": PENDULUM.id,
-        "learners": {"ppo": {"seeds": [0, 1], "curves": [old, new], "chosen": None}},
-        "planners": [
-            {
-                "name": "snn",
-                "samples": 500,
-                "budget": budget,
-                "validation_success": Spread.of((0.8, 0.9)).to_json(),
-                "validation_violation": None,
-            }
-        ],
-        "shipped": [{"name": "snn", "samples": 500, "budget": budget, "development": development}],
-        "levels": [{"name": "optimal", "development": development}],
-    }
-    return record | changes
+    new = dataclasses.replace(Curve.of(OLD.run), cost_ratio=(None, 1.2, 1.1), mean_return=(-300.0, -50.0, -4.5), seed=1)
+    learner = dataclasses.replace(LearnerBudget.of([OLD]), seeds=(0, 1), curves=(Curve.of(OLD.run), new))
+    planner = PlannerRow(
+        name="snn",
+        samples=500,
+        budget=BUDGET,
+        validation_success=Spread.of((0.8, 0.9)),
+        validation_violation=None,
+    )
+    record = Budgets(
+        env_id=PENDULUM.id,
+        given={},
+        not_attempted={},
+        development=CaseSet(name="development", count=50),
+        validation=CaseSet(name="validation", count=1000),
+        learners={"ppo": learner},
+        generation=EFFORT,
+        planners=(planner,),
+        shipped=(ShippedPlanner(name="snn", samples=500, budget=BUDGET, development=DEVELOPMENT),),
+        levels=(Level(name="optimal", cases=50, development=DEVELOPMENT),),
+        provenance=provenance(),
+    )
+    return dataclasses.replace(record, **changes)
+
+
+def test_the_seeds_of_a_learner_are_one_budget():
+    other = training(PPOSettings(steps=300, seed=1), [2, 40], steps=250)
+    budget = LearnerBudget.of([OLD, other])
+    assert (budget.seeds, budget.steps, budget.trials_before) == ((0, 1), (300, 250), 0)
+    assert "seed" not in budget.settings
+    assert budget.simulated_seconds == (30.0, 25.0)
+    assert budget.validation_success.values == (1.0, 0.8)
+
+
+def test_the_table_has_learners_then_planners_then_levels():
+    chosen = ChosenActor(steps=200, seconds=4.0, development=DEVELOPMENT)
+    learners = {"ppo": dataclasses.replace(a_record().learners["ppo"], chosen=chosen)}
+    rows = a_record(learners=learners).with_rows().rows
+    names = ["ppo, seed 0", "ppo, seed 1", "ppo, the shipped actor", "snn", "optimal"]
+    assert [row.name for row in rows] == names
+    assert [row.development.success for row in rows] == [1.0, 1.0, 0.9, 0.9, 0.9]
+    assert rows[3].states == BUDGET.states_of_iterations
+    text = markdown_table(rows, BUDGET_COLUMNS).splitlines()
+    assert text[0] == "| method | solves | simulated states | wall time | success | cost / optimal | mean return |"
+    assert text[-1] == "| optimal | – | – | – | 90.0% | 0.950 | -4.00 |"
+
+
+# -- the figure --------------------------------------------------------------------------------------------------------
 
 
 def heights(path):
@@ -103,22 +90,28 @@ def heights(path):
 def test_the_figure_shows_what_is_there(tmp_path):
     pytest.importorskip("matplotlib")
     whole = heights(budgets_figure(tmp_path / "whole.png", a_record()))
-    lone = {"ppo": {"seeds": [0], "curves": [curve_of(a_run(PPOSettings(steps=300), [1, 2]))], "chosen": None}}
-    bare = a_record(learners=lone, planners=[], shipped=[], levels=[])  # an old curve: success alone
+    lone = {"ppo": LearnerBudget.of([OLD])}
+    bare = a_record(learners=lone, planners=(), shipped=(), levels=())  # an old curve: success alone
     assert heights(budgets_figure(tmp_path / "bare.png", bare)) < whole / 2
-    unknown = a_record()
-    for row in (*unknown["planners"], *unknown["shipped"]):
-        row["budget"] = None
-    assert heights(budgets_figure(tmp_path / "unknown.png", unknown)) == whole
+    planners, shipped = (
+        tuple(dataclasses.replace(row, budget=None) for row in rows)
+        for rows in (a_record().planners, a_record().shipped)
+    )
+    assert heights(budgets_figure(tmp_path / "unknown.png", a_record(planners=planners, shipped=shipped))) == whole
+
+
+# -- the script --------------------------------------------------------------------------------------------------------
 
 
 def test_the_script_from_end_to_end(monkeypatch, tmp_path):
     pytest.importorskip("matplotlib")
     records = tmp_path / "records"
     records.mkdir()
-    write(records, f"training_sac_{PENDULUM.id}", a_run(SACSettings(steps=200), [1, 2]))
-    write(records, f"generation_{PENDULUM.id}", {"training": GENERATION | {"problems": 1281}})
-    write(records, f"compare_training_{PENDULUM.id}", {"sizes": [], "rows": [trained("moe-custom", 1281, [990, 999])]})
+    keep(records, training(SACSettings(steps=200), [1, 2]))
+    effort = dataclasses.replace(EFFORT, problems=1281)
+    (records / f"generation_{PENDULUM.id}.json").write_text(json.dumps({"training": effort.to_json()}))
+    row = {"name": "moe-custom", "samples": 1281, "success": [990, 999], "training_seconds": [1.0, 1.0]}
+    (records / f"compare_training_{PENDULUM.id}.json").write_text(json.dumps({"sizes": [], "rows": [row]}))
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "scripts"))
     module = importlib.import_module("compare_budgets")
     planners, learners = Planners(compared=("moe-custom",)), Learners(unattempted={"tqc": "no time"})
@@ -127,13 +120,13 @@ def test_the_script_from_end_to_end(monkeypatch, tmp_path):
     arguments = ["--cases", "5", "--records", str(records), "--results", str(tmp_path)]
     monkeypatch.setattr(sys, "argv", ["compare_budgets", *arguments])
     module.main()
-    record = json.loads((tmp_path / f"budgets_{PENDULUM.id}.json").read_text())
-    assert [row["validation_success"]["median"] for row in record["planners"]] == pytest.approx([0.9945])
-    assert record["not_attempted"] == {"tqc": "no time"}
-    (shipped,), (optimal,) = record["shipped"], record["levels"]
-    assert shipped["development"]["success"] == optimal["development"]["success"] == 1.0
-    assert 0.9 < optimal["development"]["cost_ratio"] <= shipped["development"]["cost_ratio"] + 1e-3
+    record = read(tmp_path / f"budgets_{PENDULUM.id}.json", Budgets)
+    assert [row.validation_success.median for row in record.planners] == pytest.approx([0.9945])
+    assert record.not_attempted == {"tqc": "no time"}
+    (shipped,), (optimal,) = record.shipped, record.levels
+    assert shipped.development.success == optimal.development.success == 1.0
+    assert 0.9 < optimal.development.cost_ratio <= shipped.development.cost_ratio + 1e-3
     cost = reference.load(PENDULUM, "development").cost[:5].mean()
-    assert optimal["development"]["mean_return"] == pytest.approx(-cost * optimal["development"]["cost_ratio"])
-    assert record["learners"]["sac"]["curves"][0]["success"] == [0.02, 0.04]
+    assert optimal.development.mean_return == pytest.approx(-cost * optimal.development.cost_ratio)
+    assert record.learners["sac"].curves[0].success == (0.02, 0.04)
     assert heights(tmp_path / f"budgets_{PENDULUM.id}.png") > 100

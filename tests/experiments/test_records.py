@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from moe_policy.experiments.budgets import Budgets
 from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.failures import Diagnosis
 from moe_policy.experiments.latency import Latency
+from moe_policy.experiments.learners import LearnerTraining, Search
 from moe_policy.experiments.overview import OverviewTable
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from moe_policy.experiments.speed.environments import EnvironmentSpeed
@@ -25,6 +27,9 @@ FILES = sorted(path.name for path in RESULTS.glob("*.json"))
 TYPES: dict[str, type[Record]] = {
     "data_[GPQ]*": DataReport,
     "failures_*": Diagnosis,
+    "budgets_*": Budgets,
+    "search_*": Search,
+    "training_*": LearnerTraining,
     "benchmark_env.json": EnvironmentSpeed,
     "benchmark_generation_*": GenerationSpeed,
     "benchmark_planning_*": Latency,
@@ -38,19 +43,16 @@ TYPES: dict[str, type[Record]] = {
 }
 #: Patterns of the files that have no type yet.
 UNTYPED = (
-    "budgets_*",
     "compare_splits_*",
     "compare_training_*",
     "data_quality_*",
     "generation_*",
     "interruptions_*",
     "robustness_*",
-    "search_*",
     "splits_*",
     "starts_*",
     "table_summary.json",
     "table_training.json",
-    "training_*",
 )
 
 

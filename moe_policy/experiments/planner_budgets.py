@@ -1,0 +1,229 @@
+"""What the data and the training of planners took, and how successful the planners were.
+
+A planner's budget consists of solves of the optimal control problem. Counted in simulated states, N knots each, it is
+
+    states_of_solutions  = solves × N                       the states of the solutions
+    states_of_iterations = iterations of the solver × N     the states simulated on the way to them
+
+The second one compares fairly with the environment steps of a learner, except that an iteration also takes first and
+second derivatives of the dynamics, which no simulator provides. A planner trained on n of M solved instances is charged
+n/M of what all of them took.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present
+from moe_policy.rollouts.intervals import Spread
+from ocp_envs.problem import OptimalControlProblem
+
+
+@dataclass(frozen=True, kw_only=True)
+class GenerationEffort(Record):
+    """What it took to solve the training set, from the record of its generation or, without times, of the data.
+
+    Args:
+        problems: solved instances.
+        solves: attempts.
+        iterations: of the solver in all attempts.
+        seconds: wall time.
+        resumed_from: instances that earlier calls had solved, whose time is not included.
+        workers: processes.
+        rest: what else the record says.
+    """
+
+    problems: int
+    solves: int
+    iterations: int
+    seconds: float | Absent = ABSENT
+    resumed_from: int | Absent = ABSENT
+    workers: int | Absent = ABSENT
+    rest: dict[str, object] = inline()
+
+    @classmethod
+    def read(cls, folder: Path, problem: OptimalControlProblem) -> Self | None:
+        """The effort for ``problem`` from ``generation_<env>.json`` in ``folder``, or else from ``data_<env>.json``.
+
+        ``None`` where neither has the training set.
+        """
+        generation, data = (folder / f"{name}_{problem.id}.json" for name in ("generation", "data"))
+        splits = json.loads(generation.read_text()) if generation.exists() else {}
+        if "training" not in splits and data.exists():
+            splits = json.loads(data.read_text())["splits"]
+        return cls.from_json(splits["training"]) if "training" in splits else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannerBudget(Record):
+    """What a planner's data and training took.
+
+    Args:
+        samples: instances on which it was trained.
+        knots: N.
+        solves: of these instances.
+        iterations: of the solver for these instances.
+        generation_seconds: wall time of the generation; ``None`` where no record has it.
+        workers: processes of the generation.
+        estimated: whether values are a fraction of those of a larger set, or extrapolated to the unrecorded part of an
+            interrupted generation.
+        training_seconds: wall time of the training, one a seed.
+        states_of_solutions: solves × N.
+        states_of_iterations: iterations × N.
+        seconds: wall time of the generation and median of the training; ``None`` where that of the generation is
+            unknown.
+    """
+
+    samples: int
+    knots: int
+    solves: int
+    iterations: int
+    generation_seconds: float | None
+    workers: int
+    estimated: bool
+    training_seconds: tuple[float, ...]
+    states_of_solutions: int
+    states_of_iterations: int
+    seconds: float | None
+
+    @classmethod
+    def of(
+        cls,
+        problem: OptimalControlProblem,
+        effort: GenerationEffort,
+        samples: int,
+        training_seconds: Sequence[float],
+    ) -> Self:
+        """The budget of a planner.
+
+        Args:
+            problem: the problem.
+            effort: for the whole training set.
+            samples: instances on which the planner was trained.
+            training_seconds: one a seed.
+
+        Raises:
+            ValueError: more samples than instances were solved.
+        """
+        problems, begun = effort.problems, present(effort.resumed_from) or 0
+        if not 0 < samples <= problems:
+            raise ValueError(
+                f"{problem.id}: expected 1 to {problems} samples, as many as instances were solved, got {samples}; "
+                "make the records of data and training from the same database"
+            )
+        fraction, generation = samples / problems, present(effort.seconds)
+        if generation is not None:
+            generation = generation * fraction * problems / (problems - begun) if begun < problems else None
+        solves, iterations = round(effort.solves * fraction), round(effort.iterations * fraction)
+        return cls(
+            samples=samples,
+            knots=problem.knots,
+            solves=solves,
+            iterations=iterations,
+            generation_seconds=generation,
+            workers=present(effort.workers) or 1,
+            estimated=fraction < 1 or begun > 0,
+            training_seconds=tuple(training_seconds),
+            states_of_solutions=solves * problem.knots,
+            states_of_iterations=iterations * problem.knots,
+            seconds=None if generation is None else generation + float(np.median(training_seconds)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannerRow(Record):
+    """The seeds of a planner trained on some number of instances, on the validation set.
+
+    Args:
+        name: of the planner.
+        samples: instances on which it was trained.
+        budget: what that took; ``None`` without a record of the generation.
+        validation_success: fraction of successes.
+        validation_violation: mean of the maximum violation of the path constraints, metres; ``None`` without any.
+    """
+
+    name: str
+    samples: int
+    budget: PlannerBudget | None
+    validation_success: Spread
+    validation_violation: Spread | None
+
+    @classmethod
+    def of(cls, row: Trained, cases: int, budget: PlannerBudget | None) -> Self:
+        """The row of a trained planner with its ``budget``; ``cases`` counts the validation set."""
+        total = cases if row.cases is None else row.cases
+        return cls(
+            name=row.name,
+            samples=row.samples,
+            budget=budget,
+            validation_success=Spread.of((count / total for count in row.success), (0, 1)),
+            validation_violation=None if row.violation is None else Spread.of(row.violation),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trained:
+    """A planner in the record of scripts/compare_training.py.
+
+    Args:
+        name: of the planner.
+        samples: instances on which it was trained.
+        success: number of successes, one a seed.
+        violation: mean of the maximum violation, metres, one a seed; ``None`` without path constraints.
+        cases: validation cases; ``None`` in records that do not say, which are of the whole set.
+        training_seconds: one a seed.
+    """
+
+    name: str
+    samples: int
+    success: tuple[int, ...]
+    violation: tuple[float, ...] | None
+    cases: int | None
+    training_seconds: tuple[float, ...]
+
+    @classmethod
+    def read(cls, path: Path) -> list[Self]:
+        """The planners in the file ``path``, smaller training sets first; none where there is no such file."""
+        record = json.loads(path.read_text()) if path.exists() else {"sizes": [], "rows": []}
+        return [
+            cls(
+                name=row["name"],
+                samples=row["samples"],
+                success=tuple(row["success"]),
+                violation=None if row.get("violation", [None])[0] is None else tuple(row["violation"]),
+                cases=row["cases"][0] if "cases" in row else None,
+                training_seconds=tuple(row["training_seconds"]),
+            )
+            for row in (*record["sizes"], *record["rows"])
+        ]
+
+
+def planner_rows(
+    problem: OptimalControlProblem,
+    trained: Sequence[Trained],
+    effort: GenerationEffort | None,
+    names: Sequence[str],
+    cases: int,
+) -> tuple[PlannerRow, ...]:
+    """One row for each planner and number of training instances, in this order.
+
+    Args:
+        problem: the problem.
+        trained: the planners; the first one of a name and number counts.
+        effort: for the training set; ``None`` where it is not known.
+        names: of the planners that get rows.
+        cases: number of validation cases, for records that do not say.
+    """
+    rows: dict[tuple[int, int], PlannerRow] = {}
+    for row in trained:
+        if row.name not in names or (names.index(row.name), row.samples) in rows:
+            continue
+        budget = None if effort is None else PlannerBudget.of(problem, effort, row.samples, row.training_seconds)
+        rows[names.index(row.name), row.samples] = PlannerRow.of(row, cases, budget)
+    return tuple(rows[key] for key in sorted(rows))
