@@ -1,0 +1,122 @@
+"""The child process of a guard: one solver that solves what it is sent.
+
+It is started with ``subprocess`` (worker processes of a pool may not start ``multiprocessing`` children), runs one BLAS
+thread and exchanges messages over its standard input and output. It ends when its standard input ends, so also when its
+parent is killed.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import warnings
+import weakref
+from collections.abc import Callable
+from typing import BinaryIO, Protocol
+
+from ocp_envs.solvers.channel import Channel, Gone, Silent
+from ocp_envs.solvers.nlp import Result, SolverSettings, Task
+from ocp_envs.solvers.transcription import Transcription
+
+#: Seconds after which a child that solves ends by itself: inside a C call it cannot see that its parent was killed.
+_ALONE_LIMIT = 900
+#: Seconds a child may take to start: imports, and at worst a compilation of the solver functions.
+_START_LIMIT = 900.0
+
+
+class TaskSolver(Protocol):
+    """What solves in the child."""
+
+    def solve(self, task: Task, skip_primary: bool = False) -> Result:
+        """Solve ``task``; with the fallback solver at once where ``skip_primary``."""
+
+
+#: Makes the solver of the child, in the child; pickled by reference.
+Factory = Callable[[Transcription, SolverSettings], TaskSolver]
+
+
+class Child:
+    """The process and the channel to it; ends with ``kill``, with this object or with the interpreter.
+
+    Args:
+        factory: makes the solver.
+        transcription: the program.
+        settings: settings of the solves.
+
+    Raises:
+        RuntimeError: the process ended before it was ready, or took too long; the message holds what it printed.
+    """
+
+    def __init__(self, factory: Factory, transcription: Transcription, settings: SolverSettings) -> None:
+        errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
+        process = _start(errors)
+        self.process_id = process.pid
+        self.kill = weakref.finalize(self, _end, process, errors)
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self.channel = Channel(process.stdout.fileno(), process.stdin.fileno())
+        try:
+            self.channel.send((factory, transcription, settings))
+            for message in self.channel.receive(_START_LIMIT):
+                warnings.warn(message, stacklevel=2)
+        except (Silent, Gone):
+            process.kill()
+            process.wait()
+            errors.seek(0)
+            message = errors.read().decode(errors="replace").strip()
+            self.kill()
+            raise RuntimeError(f"the solver process did not start:\n{message}") from None
+
+
+def _start(errors: BinaryIO) -> subprocess.Popen[bytes]:
+    """The process, which writes its standard error to the file ``errors``."""
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    path = os.pathsep.join(entry or os.getcwd() for entry in sys.path)  # the factory must be importable there too
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", "from ocp_envs.solvers.child import serve; serve()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=errors,
+        env={**os.environ, **threads, "PYTHONPATH": path},
+    )
+
+
+def _end(process: subprocess.Popen[bytes], errors: BinaryIO) -> None:
+    process.kill()
+    process.wait()
+    for file in (process.stdin, process.stdout, errors):
+        if file is not None:
+            file.close()
+
+
+def serve() -> None:
+    """Solve what comes in, until the standard input ends; what the child runs."""
+    channel = Channel(os.dup(0), os.dup(1))
+    os.dup2(2, 1)  # what a solver prints must not get between the messages
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    factory, transcription, settings = channel.receive()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        solver = factory(transcription, settings)
+    tasks: queue.SimpleQueue[tuple[Task, bool]] = queue.SimpleQueue()
+
+    def read() -> None:
+        try:
+            while True:
+                tasks.put(channel.receive())
+        except Gone:
+            os._exit(0)  # the parent is gone; the main thread may be inside a solve that never ends
+
+    channel.send([warning.message for warning in caught])
+    threading.Thread(target=read, daemon=True).start()
+    while True:
+        task, skip_primary = tasks.get()
+        signal.alarm(_ALONE_LIMIT)
+        result = solver.solve(task, skip_primary)
+        signal.alarm(0)
+        channel.send(result)
