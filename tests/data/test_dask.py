@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import ocp_envs
+from moe_policy.experiments.interruptions import stored_chunks
 from ocp_envs.data import generation
 from ocp_envs.data.database import Database
 from ocp_envs.data.generation import generate
@@ -25,7 +26,6 @@ from ocp_envs.sets.sampling import sample
 from ocp_envs.sets.splits import Split
 from ocp_envs.support import dask
 from ocp_envs.support.dask import TasksInFlight
-from scripts.check_interruptions import stored_chunks
 
 distributed = pytest.importorskip("distributed")
 ROOT = Path(__file__).resolve().parents[2]
@@ -220,7 +220,8 @@ def script(monkeypatch):
 
 def test_the_script_generates_on_a_cluster(script, cluster, monkeypatch, tmp_path, capsys):
     address = cluster.scheduler_address
-    monkeypatch.setattr(sys, "argv", ["generate_data", "--data", str(tmp_path), "--scheduler", address])
+    folders = [f"--data={tmp_path}", f"--results={tmp_path}"]
+    monkeypatch.setattr(sys, "argv", ["generate_data", *folders, "--scheduler", address])
     script.main()
     assert f"3 workers with 3 threads at {address}" in capsys.readouterr().out
     split, path = TINY["validation"], tmp_path / PENDULUM.id / "validation.zarr"

@@ -13,6 +13,7 @@ import cloudpickle
 import numpy as np
 import pytest
 
+from moe_policy.experiments.interruptions import Kill, descendants, generate_interrupted, plan_kills, wait_for_chunks
 from ocp_envs.data import generation
 from ocp_envs.data import worker as chunks
 from ocp_envs.data.database import Database
@@ -28,7 +29,6 @@ from ocp_envs.solvers.compilation import CompiledNotAvailable
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.pool import WorkerLostError
 from ocp_envs.trajectory import Trajectory
-from scripts.check_interruptions import Kill, descendants, generate_interrupted, plan_kills, wait_for_chunks
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 
@@ -295,8 +295,8 @@ def test_a_killed_parent_loses_nothing_and_leaves_nobody_behind(whole, tmp_path,
 def test_killed_processes_of_every_kind_change_nothing(whole, tmp_path, importable):
     path, kills = tmp_path / "d", [Kill("worker", 1, 0.05), Kill("solver", 2, 0.05), Kill("parent", 4, 0.0)]
     record = generate_interrupted(command(path), path, kills)
-    assert record["kills_by_kind"] == {"worker": 1, "solver": 1, "parent": 1}
-    assert record["chunks_written_again"] == 0
+    assert record.kills_by_kind == {"worker": 1, "solver": 1, "parent": 1}
+    assert record.chunks_written_again == 0
     assert Database.open(path).digest() == whole.digest()
 
 
@@ -307,9 +307,9 @@ def test_twenty_kills_at_random_moments_change_nothing(tmp_path, importable):
     undisturbed = generate(PENDULUM, tmp_path / "whole", sample(PENDULUM, 7, count), seed=3, settings=SMALL)
     kinds = ["parent"] * 8 + ["worker"] * 6 + ["solver"] * 6
     record = generate_interrupted(command(path, count), path, plan_kills(kinds, undisturbed.chunks, 0.3, seed=5))
-    assert len(record["kills"]) == 20
-    assert record["starts"] == 9
-    assert record["chunks_written_again"] == 0
+    assert len(record.kills) == 20
+    assert record.starts == 9
+    assert record.chunks_written_again == 0
     database = Database.open(path)
     assert database.totals() == undisturbed.totals()
     assert database.digest() == undisturbed.digest()

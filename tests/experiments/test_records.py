@@ -11,20 +11,28 @@ from moe_policy.experiments.budgets import Budgets
 from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.failures import Diagnosis
+from moe_policy.experiments.generation import Generation
+from moe_policy.experiments.interruptions import Interruptions
 from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.learners import LearnerTraining, Search
 from moe_policy.experiments.overview import OverviewTable
+from moe_policy.experiments.quality import Quality
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from moe_policy.experiments.speed.environments import EnvironmentSpeed
 from moe_policy.experiments.speed.generation import GenerationSpeed
 from moe_policy.experiments.speed.rollouts import RolloutSpeed
 from moe_policy.experiments.speed.solver import SolverSpeed
+from moe_policy.experiments.start_tables import StartTables
 from ocp_envs.support.provenance import Provenance, provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
 FILES = sorted(path.name for path in RESULTS.glob("*.json"))
 #: What each file in ``results/`` is, by the pattern of its name; a file has exactly one.
 TYPES: dict[str, type[Record]] = {
+    "data_quality_*": Quality,
+    "generation_*": Generation,
+    "interruptions_*": Interruptions,
+    "starts_*": StartTables,
     "data_[GPQ]*": DataReport,
     "failures_*": Diagnosis,
     "budgets_*": Budgets,
@@ -45,12 +53,8 @@ TYPES: dict[str, type[Record]] = {
 UNTYPED = (
     "compare_splits_*",
     "compare_training_*",
-    "data_quality_*",
-    "generation_*",
-    "interruptions_*",
     "robustness_*",
     "splits_*",
-    "starts_*",
     "table_summary.json",
     "table_training.json",
 )

@@ -405,9 +405,9 @@ def test_check_data(data, script, run, tmp_path):
     copy.mkdir(parents=True)
     for path in (data / PENDULUM.id).glob("*.zarr"):
         (copy / path.name).symlink_to(path)
-    arguments = ("--cases", 3, "--starts", 4, "--workers", 1, "--data", tmp_path / "data")
-    run(script("check_data"), *arguments, "--output", tmp_path / "out.json")
-    record = read(tmp_path / "out.json")
+    arguments = ("--cases", 3, "--guesses", 4, "--workers", 1, "--data", tmp_path / "data", "--results", tmp_path)
+    run(script("check_data"), *arguments)
+    record = read(tmp_path / f"data_quality_{PENDULUM.id}.json")
     assert set(record["ways"]) == {"solve", "generate", "warm starts"}
     assert all(way["unsolved"] == 0 for way in record["ways"].values())
     assert set(record["databases"]) == set(TINY)

@@ -339,9 +339,11 @@ def test_the_script_makes_both_tables_and_keeps_those_that_are_there(monkeypatch
         return name
 
     monkeypatch.setattr(tables, "save", save)
+    with pytest.raises(SystemExit):
+        run_script(monkeypatch, tmp_path, "--again")  # the package is replaced only on request
     run_script(monkeypatch, tmp_path)
     assert (written, list(tmp_path.iterdir())) == ({}, [])
-    run_script(monkeypatch, tmp_path, "--again", "--paths", "60", "--fresh", "5", "--starts", "3")
+    run_script(monkeypatch, tmp_path, "--again", "--ship", "--paths", "60", "--fresh", "5", "--starts", "3")
     starts = written["QuadcopterObstacle-v0", "starts"]["parameters"]
     np.testing.assert_allclose(starts, tables.starts(QUADCOPTER_OBSTACLE)[:3], rtol=1e-12)
     paths = written["Quadcopter-v0", "paths"]

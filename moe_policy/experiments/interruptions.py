@@ -1,0 +1,241 @@
+"""A generation whose processes are killed (SIGKILL) at random moments."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from moe_policy.experiments.records import Record, inline, renamed
+from moe_policy.experiments.totals import Totals
+from ocp_envs.support.provenance import Provenance
+
+#: Seconds without a new chunk after which a generation counts as stuck.
+STUCK = 1800.0
+#: Words in the command line of a worker, and of a solver.
+WORKER, SOLVER = b"spawn_main", b"serve()"
+
+
+@dataclass(frozen=True)
+class Kill:
+    """A process to be killed.
+
+    Args:
+        kind: "parent", "worker" or "solver" (the child in which a worker solves).
+        chunks: number of complete chunks to wait for.
+        delay: seconds to wait after that.
+    """
+
+    kind: str
+    chunks: int
+    delay: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Killed(Record):
+    """A process that was killed.
+
+    Args:
+        kind: as of :class:`Kill`.
+        chunks: number of chunks that were complete.
+        seconds: since the generation began.
+    """
+
+    kind: str
+    chunks: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interrupted(Record):
+    """A generation whose processes were killed.
+
+    Args:
+        kills: in order.
+        kills_by_kind: their number.
+        starts: how often the generation was started.
+        chunks: complete chunks at the end.
+        chunks_written_again: chunks that were complete when a process was killed, and were written again later.
+        seconds: duration.
+    """
+
+    kills: tuple[Killed, ...]
+    kills_by_kind: dict[str, int]
+    starts: int
+    chunks: int
+    chunks_written_again: int
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interruptions(Record):
+    """An interrupted generation and an undisturbed one.
+
+    Args:
+        interrupted: the first.
+        digests: of both databases.
+        equal: whether they are equal.
+        reference_seconds: duration of the undisturbed one; ``None`` if it existed before.
+        env_id: id of the problem.
+        split: name of the split; ``None`` for random instances.
+        seed: of the instances without a split, and of the kills.
+        totals: of the interrupted database.
+        settings: of the generation, as the database stores them.
+        provenance: of the record.
+    """
+
+    interrupted: Interrupted = inline()
+    digests: dict[str, str]
+    equal: bool
+    reference_seconds: float | None
+    env_id: str = renamed("problem")
+    split: str | None
+    seed: int
+    totals: Totals
+    settings: object
+    provenance: Provenance
+
+
+def plan_kills(kinds: Sequence[str], chunks: int, delay: float, seed: int) -> list[Kill]:
+    """A kill of each kind, at random moments.
+
+    Args:
+        kinds: of the processes.
+        chunks: number of chunks of the generation.
+        delay: maximum of :attr:`Kill.delay`, seconds.
+        seed: of the moments.
+    """
+    rng = np.random.default_rng(seed)
+    at = np.sort(rng.integers(0, max(1, int(0.8 * chunks)), len(kinds)))
+    return [Kill(str(kind), int(n), float(rng.uniform(0, delay))) for kind, n in zip(rng.permutation(list(kinds)), at)]
+
+
+def stored_chunks(path: Path) -> dict[int, int]:
+    """When each complete chunk of the database at ``path`` was written, nanoseconds."""
+    return {int(file.name): file.stat().st_mtime_ns for file in (path / "status").glob("c/*") if file.name.isdigit()}
+
+
+def descendants(process: int) -> list[int]:
+    """Ids of the processes that ``process`` started, and of those that they started."""
+    found = []
+    for children in Path(f"/proc/{process}/task").glob("*/children"):
+        for child in children.read_text().split():
+            found += [int(child), *descendants(int(child))]
+    return found
+
+
+def _victim(process: int, kind: str) -> int | None:
+    """The process that a kill of ``kind`` ends; ``None`` while none exists."""
+    if kind == "parent":
+        return process
+    words = {"worker": WORKER, "solver": SOLVER}[kind]
+    for child in descendants(process):
+        command = Path(f"/proc/{child}/cmdline").read_bytes()
+        # The parent's own solver only compiles.
+        parent = int(Path(f"/proc/{child}/stat").read_text().rsplit(")", 1)[1].split()[1])
+        if words in command and (kind == "worker" or parent != process):
+            return child
+    return None
+
+
+def _strike(process: subprocess.Popen[bytes], kind: str) -> bool:
+    """Kill the process that ``kind`` names as soon as it exists; ``False`` if the generation ended before."""
+    deadline = time.monotonic() + STUCK
+    while process.poll() is None:
+        try:
+            found = _victim(process.pid, kind)
+            if found is not None:
+                os.kill(found, signal.SIGKILL)
+                return True
+        except (FileNotFoundError, ProcessLookupError):
+            pass  # it has just ended
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"found no {kind} process to kill in {STUCK:.0f} s")
+        time.sleep(0.01)
+    return False
+
+
+def wait_for_chunks(process: subprocess.Popen[bytes], path: Path, count: int) -> None:
+    """Wait until ``count`` chunks are complete, or the process has ended.
+
+    Args:
+        process: the generation.
+        path: of its database.
+        count: number of chunks.
+
+    Raises:
+        TimeoutError: no new chunk for :data:`STUCK` seconds.
+    """
+    last, since = -1, time.monotonic()
+    while process.poll() is None and (there := len(stored_chunks(path))) < count:
+        if there != last:
+            last, since = there, time.monotonic()
+        if time.monotonic() - since > STUCK:
+            raise TimeoutError(f"no new chunk in {STUCK:.0f} s; {there} of {count} are complete")
+        time.sleep(0.02)
+
+
+def generate_interrupted(
+    command: Sequence[str], path: Path, kills: Sequence[Kill], say: Callable[[str], None] = print
+) -> Interrupted:
+    """Run a generation and kill its processes; a killed parent is started again with the same command.
+
+    Args:
+        command: generates into ``path``.
+        path: of the database.
+        kills: in order; those after the end of the generation are left out.
+        say: told of every kill.
+
+    Raises:
+        RuntimeError: the command failed by itself.
+        TimeoutError: the generation is stuck.
+    """
+    began, done, starts, rewritten = time.perf_counter(), [], 1, _Rewritten(path)
+    process = subprocess.Popen(command)
+    try:
+        for kill in kills:
+            wait_for_chunks(process, path, kill.chunks)
+            time.sleep(kill.delay)
+            if not _strike(process, kill.kind):
+                break
+            done.append(Killed(kind=kill.kind, chunks=rewritten.look(), seconds=time.perf_counter() - began))
+            say(f"killed: {kill.kind} after {done[-1].chunks} chunks")
+            if kill.kind == "parent":
+                process.wait()
+                process = subprocess.Popen(command)
+                starts += 1
+        if process.wait() != 0:
+            raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
+    finally:
+        process.kill()
+        process.wait()
+    return Interrupted(
+        kills=tuple(done),
+        kills_by_kind=dict(Counter(kill.kind for kill in done)),
+        starts=starts,
+        chunks=rewritten.look(),
+        chunks_written_again=rewritten.count,
+        seconds=time.perf_counter() - began,
+    )
+
+
+class _Rewritten:
+    """Counts the chunks of the database at ``path`` that were written again since the last look."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.count = path, 0
+        self._before: dict[int, int] = {}
+
+    def look(self) -> int:
+        """Count; the number of complete chunks."""
+        now = stored_chunks(self.path)
+        self.count += sum(now.get(chunk) != written for chunk, written in self._before.items())
+        self._before = now
+        return len(now)

@@ -1,0 +1,250 @@
+"""Data quality: an exhaustive search, and how the costs that are found otherwise compare with it.
+
+The search runs IPOPT alone, from the motions under random controls or, where there is an obstacle, from curves that
+pass it on all sides, to every winding of the goal up to two beyond the listed ones that lies in the operating box.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+from concurrent.futures import as_completed
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+import ocp_envs
+from moe_policy.experiments.data import contents
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline, renamed
+from moe_policy.experiments.totals import Totals
+from ocp_envs.data.database import Database
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solvers.guesses import GuessKind, guesses
+from ocp_envs.solvers.nlp import SolverSettings
+from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.arrays import Array
+from ocp_envs.support.files import replacing
+from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.provenance import Provenance
+
+BEYOND = 2
+CASES_PER_TASK = 5
+#: Iterations of IPOPT in the search: 98 % of the solves that converge have done so by then, and most others aim at
+#: windings out of reach. Sixty guesses replace patience with one.
+ITERATIONS = 100
+#: Seed of the instances; no split has it.
+SEED = 303
+
+
+# -- records -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class MissedOptimum(Record):
+    """An instance whose cost exceeds that of the search.
+
+    Args:
+        parameters: p, np numbers.
+        ours: the cost; ``None`` where it is unsolved.
+        search: that of the search.
+        target: state of the goal at which the search ended.
+    """
+
+    parameters: tuple[float, ...]
+    ours: float | None
+    search: float
+    target: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way(Record):
+    """One way of solving, compared with the search.
+
+    Args:
+        worse: instances whose cost exceeds that of the search by more than the tolerance.
+        share_worse: that as a fraction of the instances.
+        better: instances whose cost is lower by more than the tolerance.
+        unsolved: instances without a solution.
+        largest_excess: maximum relative excess; ``None`` without instances that both solve.
+        cases: the worse ones.
+        seconds: duration.
+    """
+
+    worse: int
+    share_worse: float
+    better: int
+    unsolved: int
+    largest_excess: float | None
+    cases: tuple[MissedOptimum, ...]
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search(Record):
+    """The exhaustive search.
+
+    Args:
+        guesses: number for each winding of the goal.
+        targets: states of the goal.
+        seconds_of_last_run: duration; earlier runs are not counted.
+        seed: of instances and guesses.
+    """
+
+    guesses: int = renamed("starts")
+    targets: tuple[tuple[float, ...], ...]
+    seconds_of_last_run: float
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedDatabase(Record):
+    """The independent check of every trajectory in a database.
+
+    Args:
+        trajectories: their number.
+        failing: those that fail it.
+        totals: of the database.
+    """
+
+    trajectories: int
+    failing: int
+    totals: Totals = inline()
+
+    @classmethod
+    def of(cls, database: Database) -> CheckedDatabase:
+        """The check of ``database``."""
+        held = contents(database)
+        return cls(trajectories=held.trajectories, failing=held.failing, totals=held.totals)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quality(Record):
+    """Data quality of one problem.
+
+    Args:
+        env_id: id of the problem.
+        cases: number of instances.
+        cases_from: database they are taken from, or "fresh".
+        tolerance: relative excess of cost that counts.
+        search: the exhaustive search.
+        ways: of solving, by name.
+        databases: by name.
+        provenance: of the record.
+    """
+
+    env_id: str = renamed("problem")
+    cases: int
+    cases_from: str | Absent = ABSENT
+    tolerance: float
+    search: Search
+    ways: dict[str, Way]
+    databases: dict[str, CheckedDatabase]
+    provenance: Provenance
+
+
+# -- the search --------------------------------------------------------------------------------------------------------
+
+
+def widened(problem: OptimalControlProblem) -> OptimalControlProblem:
+    """``problem`` with all windings up to :data:`BEYOND` further that lie in the operating box."""
+    goal, state = problem.goal, problem.system.state
+    around = [range(-BEYOND, BEYOND + 1) if period else range(1) for period in state.periods]
+    steps = np.stack(np.meshgrid(*around, indexing="ij"), axis=-1).reshape(-1, len(state))
+    windings = np.unique((goal.windings[:, None] + steps).reshape(-1, len(state)), axis=0)
+    inside = state.contains(goal.state + windings * state.periods)
+    return dataclasses.replace(problem, goal=dataclasses.replace(goal, windings=windings[inside]))
+
+
+@lru_cache(maxsize=1)
+def _searcher(env_id: str) -> GuardedSolver:
+    """This process's solver of the widened problem."""
+    return GuardedSolver(widened(ocp_envs.load(env_id)), SolverSettings(primary="ipopt", max_iterations=ITERATIONS))
+
+
+def _search(env_id: str, cases: Array, count: int, seed: tuple[int, ...]) -> Array:
+    """The lowest cost found to every winding, (cases, windings); +inf where none was."""
+    solver = _searcher(env_id)
+    targets, rng = len(solver.problem.targets), np.random.default_rng(seed)
+    parameters = np.repeat(cases, targets, axis=0)
+    windings = np.tile(np.arange(targets), len(cases))
+    best = np.full(len(parameters), np.inf)
+    kind: GuessKind = "bend" if solver.problem.n_clearances else "rollout"
+    for _ in range(count):
+        tried = guesses(solver.problem, parameters, windings, rng, kind)
+        best = np.minimum(best, solver.solve(parameters, tried, windings, retry_with_fallback=False).cost)
+    return best.reshape(len(cases), targets)
+
+
+def exhaustive(problem: OptimalControlProblem, cases: Array, count: int, workers: int | None, store: Path) -> Array:
+    """Costs of the search, (B, windings); +inf where none was found.
+
+    Args:
+        problem: the problem.
+        cases: parameters of the instances, (B, np).
+        count: number of guesses for each winding.
+        workers: number of processes; ``None`` for one per core.
+        store: file in which costs are kept, so that an interrupted search resumes.
+    """
+    key = f"{problem.fingerprint} {count} {SEED} {ITERATIONS} {hashlib.sha256(cases[:1].tobytes()).hexdigest()}"
+    costs = _kept(store, key, (len(cases), len(widened(problem).targets)))
+    begins = [i for i in range(0, len(cases), CASES_PER_TASK) if np.isnan(costs[i, 0])]
+    _searcher(problem.id).start()  # compiles, once, before the workers need it
+    with (
+        WorkerPool(workers) as pool,
+        tqdm(total=len(begins), desc="exhaustive search", unit="task", disable=None) as bar,
+    ):
+        tasks = {pool.submit(_search, problem.id, cases[i : i + CASES_PER_TASK], count, (SEED, i)): i for i in begins}
+        for task in as_completed(tasks):
+            begin = tasks[task]
+            costs[begin : begin + CASES_PER_TASK] = task.result()
+            with replacing(store) as file:
+                np.savez(file, costs=costs, key=np.array(key))
+            bar.update()
+    return costs
+
+
+def _kept(store: Path, key: str, shape: tuple[int, int]) -> Array:
+    """Costs in ``store`` that were found under ``key``; NaN for all others."""
+    costs = np.full(shape, np.nan)
+    if store.exists():
+        with np.load(store, allow_pickle=False) as file:
+            if str(file["key"]) == key:  # more instances begin with the same ones
+                known = file["costs"][: len(costs)]
+                costs[: len(known)] = known
+    return costs
+
+
+def compare(ours: Array, costs: Array, cases: Array, targets: Array, tolerance: float, seconds: float) -> Way:
+    """One way of solving against the search.
+
+    Args:
+        ours: its costs, (B,); +inf where it has no solution.
+        costs: those of the search, (B, windings).
+        cases: parameters of the instances, (B, np).
+        targets: states of the goal, (windings, nx).
+        tolerance: relative excess of cost that counts.
+        seconds: its duration.
+    """
+    best = costs.min(axis=1)
+    worse = np.flatnonzero(ours > best * (1 + tolerance))
+    found = np.isfinite(ours) & np.isfinite(best)
+    return Way(
+        worse=len(worse),
+        share_worse=len(worse) / len(cases),
+        better=int((ours < best * (1 - tolerance)).sum()),
+        unsolved=int((~np.isfinite(ours)).sum()),
+        largest_excess=float((ours[found] / best[found] - 1).max()) if found.any() else None,
+        cases=tuple(
+            MissedOptimum(
+                parameters=tuple(cases[i].tolist()),
+                ours=float(ours[i]) if np.isfinite(ours[i]) else None,
+                search=float(best[i]),
+                target=tuple(targets[costs[i].argmin()].tolist()),
+            )
+            for i in worse
+        ),
+        seconds=seconds,
+    )
