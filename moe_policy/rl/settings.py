@@ -172,6 +172,9 @@ SHORT_SAC = SACSettings(steps=80_000, gamma=0.99)
 class PPOSettings(RLSettings):
     """Proximal policy optimisation on many environments at once; its first actions are near the goal's control.
 
+    Of the common settings, ``n_envs``, ``learning_rate``, ``final_learning_rate``, ``batch_size`` and
+    ``evaluate_every`` have defaults of their own.
+
     Args:
         n_steps: steps of each environment between two updates.
         n_epochs: passes over them in an update.

@@ -1,4 +1,4 @@
-"""Episodes → metrics."""
+"""Metrics of episodes: fractions, errors, costs relative to a baseline, violations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,12 @@ from ocp_envs.support.arrays import Array
 
 @dataclass(frozen=True)
 class CostRatio:
-    """Σ cost / Σ cost of a baseline over the ``episodes`` that both bring into the goal ball; ``None`` if it is 0/0."""
+    """The cost relative to that of a baseline, over the episodes in which both enter the goal ball.
+
+    Args:
+        ratio: Σ cost / Σ cost of the baseline; ``None`` without such episodes.
+        episodes: their number.
+    """
 
     ratio: float | None
     episodes: int
@@ -23,19 +28,19 @@ class CostRatio:
 
 @dataclass(frozen=True)
 class Metrics:
-    """Figures of one policy.
+    """Metrics of one policy; the names are the keys in records.
 
     Args:
         reached: entered the goal ball.
-        success: in the goal ball at the judging time.
-        success_at_plan_end: in the goal ball at the plan's end, before any hold; ``None`` without a plan.
+        success: in the goal ball at the evaluation time.
+        success_at_plan_end: in the goal ball at the plan's end, before terminal regulation; ``None`` without a plan.
         plan_end_error_median, plan_end_error_95: quantiles of the error at the plan's end; ``None`` without a plan.
-        final_error_median, final_error_95: quantiles of the error at the judging time.
+        final_error_median, final_error_95: quantiles of the error at the evaluation time.
         cost_ratio: against a baseline, usually the tracked optimal plans; ``None`` without one.
         left_box: episodes that left the operating box.
         clipped: plans whose duration was clipped.
         rejected: plans that were not finite.
-        violation_mean, violation_max: violation of the path constraints over the whole path; ``None`` without any.
+        violation_mean, violation_max: largest violation of the path constraints on the path; ``None`` without any.
         knot_violation_mean, knot_violation_max: the same at the plan's knots; ``None`` without plan or constraints.
     """
 
@@ -61,7 +66,7 @@ class Metrics:
         return None if self.cost_ratio is None else self.cost_ratio.ratio
 
     def record(self) -> dict[str, Any]:
-        """As JSON: fractions with their intervals, absent figures as ``None``."""
+        """As JSON: fractions with their intervals, absent metrics as ``None``."""
         record = asdict(self)
         for name in ("reached", "success", "success_at_plan_end"):
             found: Proportion | None = getattr(self, name)
@@ -70,15 +75,15 @@ class Metrics:
 
 
 def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episodes | None = None) -> Metrics:
-    """The figures of ``episodes``.
+    """The metrics of ``episodes``.
 
     Args:
         problem: the problem they ran on.
         episodes: at least one.
-        baseline: the same starts under the policy that costs are compared with.
+        baseline: episodes from the same parameters with the policy that costs are compared with.
 
     Raises:
-        ValueError: no episodes, or a baseline from other starts.
+        ValueError: no episodes, or a baseline from other parameters.
     """
     if len(episodes) == 0:
         raise ValueError("expected at least one episode")
@@ -113,16 +118,16 @@ def _quantiles(errors: Array) -> tuple[float, float]:
 
 
 def _mean_and_max(violation: Array) -> tuple[float | None, float | None]:
-    """Over the episodes that have a figure: a rejected plan has no knots."""
+    """Over the episodes that have a value: a rejected plan has no knots."""
     values = violation[np.isfinite(violation)]
     return (float(values.mean()), float(values.max())) if len(values) else (None, None)
 
 
 def cost_ratio(episodes: Episodes, baseline: Episodes) -> CostRatio:
-    """Σcost / Σcost of ``baseline`` over the starts that both bring into the goal ball.
+    """The cost of ``episodes`` relative to that of ``baseline``, over those in which both enter the goal ball.
 
     Raises:
-        ValueError: the two ran from different starts.
+        ValueError: the two ran from different parameters.
     """
     if not np.array_equal(episodes.parameters, baseline.parameters):
         raise ValueError(

@@ -1,12 +1,10 @@
-"""The loop against replays by hand, closed forms, and policies that misbehave."""
-
-from types import SimpleNamespace
+"""The rollout loop against replays by hand, closed forms, and policies that misbehave."""
 
 import numpy as np
 import pytest
 from gymnasium.vector import VectorWrapper
 
-from moe_policy.control.stabiliser import Stabilised, Stabiliser
+from moe_policy.control.stabiliser import Stabiliser
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.protocols import Schedule
 from moe_policy.rollouts.episodes import Episodes
@@ -17,27 +15,9 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.trajectory import Trajectory
+from tests.closed_loop import STARTS, constant, rest_planner, vector
 from tests.in_process import Solver
-from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR, rest_to_rest
-
-
-def vector(problem, n, **arguments):
-    arguments = {"terminate_at_goal": False, "autoreset_mode": "Disabled", **arguments}
-    return VectorEnv(problem, n, **arguments)
-
-
-def rest_planner(p):
-    return Trajectory(*rest_to_rest(p[:, 0], 4.0, 21))
-
-
-def constant(value, **attributes):
-    def predict(observation, state=None, episode_start=None, deterministic=True):
-        return np.full((len(observation), 1), value, np.float32), None
-
-    return SimpleNamespace(predict=predict, **attributes)
-
-
-STARTS = np.array([[2.0, 0.0], [-1.0, 0.0], [0.5, 0.0]])
+from tests.small_problems import DOUBLE_INTEGRATOR, rest_to_rest
 
 
 def test_exact_plan_ends_at_the_goal_with_the_cost_of_the_closed_form():
@@ -121,71 +101,12 @@ def test_rows_agree_with_single_environments_stepped_by_hand():
         np.testing.assert_allclose(episodes.evaluation_time[row], expected)
 
 
-def test_starting_in_the_goal_ball_costs_nothing_and_is_judged_after_the_hold():
+def test_an_initial_state_in_the_goal_ball_costs_nothing_and_is_evaluated_after_the_hold():
     episodes = rollout(vector(PENDULUM, 1), Stabiliser(PENDULUM), [[np.pi, 0.01]])
     assert episodes.success.all()
     assert episodes.cost[0] == 0
     assert episodes.entry_time[0] == 0
     assert episodes.evaluation_time[0] == 5.0
-
-
-def test_passing_through_the_ball_is_reaching_but_not_success():
-    swing = constant(0.0)
-    through = np.array([[np.pi - 0.3, 0.31]])  # just enough energy to pass upright slowly
-    episodes = rollout(vector(PENDULUM, 1), swing, through)
-    assert episodes.reached.all()
-    assert not episodes.success.any()
-    np.testing.assert_allclose(episodes.cost, episodes.entry_time, rtol=1e-9)  # L = 1 + 0²
-    held = rollout(vector(PENDULUM, 1), Stabilised(swing, PENDULUM), through)
-    assert held.success.all()
-    np.testing.assert_allclose(held.cost, episodes.cost, rtol=1e-12)
-
-
-def test_never_reaching_costs_the_whole_episode():
-    episodes = rollout(vector(PENDULUM, 1), constant(0.0), [[0.0, 0.0]], horizon=3.0)
-    assert not episodes.reached.any()
-    np.testing.assert_allclose(episodes.cost, 3.0)
-    assert np.isnan(episodes.entry_time).all()
-    assert np.isnan(episodes.plan_end_error).all()
-    np.testing.assert_allclose(episodes.final_error, np.pi)
-
-
-def test_leaving_the_box_is_charged_and_ends_the_episode():
-    policy = constant(1.0)
-    episodes = rollout(vector(DOUBLE_INTEGRATOR, 2), policy, [[5.0, 1.0], [-5.0, -1.0]], record=True)
-    np.testing.assert_array_equal(episodes.left_box, [True, True])
-    assert not episodes.success.any()
-    assert (episodes.evaluation_time < 10).all()
-    # L ≤ 1.5: the ticks before at 1.5 (u = 1), the rest of 15 s at the largest rate, which is 1.5 as well.
-    np.testing.assert_allclose(episodes.cost, 15 * 1.5, rtol=1e-6)
-    last = np.isfinite(episodes.states[0, :, 0]).sum() - 1
-    np.testing.assert_allclose(last * 0.02, episodes.evaluation_time[0])
-
-
-def test_a_planner_that_leaves_the_box_fails_at_its_end():
-    def runaway(p):
-        return Trajectory(np.tile([[[19.0, 9.0]]], (len(p), 21, 1)), np.ones((len(p), 20, 1)), np.full(len(p), 12.0))
-
-    episodes = rollout(vector(DOUBLE_INTEGRATOR, 1), TrackingPolicy(DOUBLE_INTEGRATOR, runaway), [[5.0, 1.0]])
-    assert episodes.left_box.all()
-    assert not episodes.success.any()
-    np.testing.assert_allclose(episodes.plan_end_error, episodes.final_error)
-
-
-def test_failed_plans_hold_and_are_counted():
-    def planner(p):
-        plan = rest_planner(p)
-        states, duration = plan.states.copy(), plan.duration.copy()
-        states[0] = np.nan
-        duration[1] = 100.0
-        return Trajectory(states, plan.controls, duration)
-
-    episodes = rollout(vector(DOUBLE_INTEGRATOR, 3), TrackingPolicy(DOUBLE_INTEGRATOR, planner), STARTS)
-    np.testing.assert_array_equal(episodes.rejected, [True, False, False])
-    np.testing.assert_array_equal(episodes.clipped, [False, True, False])
-    np.testing.assert_allclose(episodes.evaluation_time, [2.0, 14.0, 6.0])
-    np.testing.assert_allclose(episodes.plan_end_error[0], 2.0)
-    assert episodes.success[2]
 
 
 def test_planning_policies_get_the_parameter_in_full_precision():
@@ -199,28 +120,6 @@ def test_planning_policies_get_the_parameter_in_full_precision():
     rollout(vector(DOUBLE_INTEGRATOR, 1), TrackingPolicy(DOUBLE_INTEGRATOR, planner), p)
     np.testing.assert_array_equal(seen[0], p)
     assert len(seen) == 1
-
-
-def test_without_a_hold_success_is_judged_at_the_plans_end():
-    p = np.array([[2.0, 5.0], [-1.0, 5.0]])
-    episodes = rollout(vector(WALLED_INTEGRATOR, 2), TrackingPolicy(WALLED_INTEGRATOR, rest_planner), p)
-    np.testing.assert_allclose(episodes.evaluation_time, 4.0)
-    np.testing.assert_array_equal(episodes.final_error, episodes.plan_end_error)
-    assert episodes.success.all()
-    np.testing.assert_array_equal(episodes.violation, [0.0, 0.0])
-    np.testing.assert_array_equal(episodes.knot_violation, [0.0, 0.0])
-
-
-def test_violation_over_the_path_and_at_the_knots():
-    """The wall stands midway between two knots, so the knots see less of it than the path."""
-    times = np.array([1.9, 2.1])  # in between the knots at 1.8, 2.0, 2.2
-    plan = rest_planner(np.array([[2.0]]))
-    x = 2.0 - 0.25 * times[0] ** 2
-    episodes = rollout(vector(WALLED_INTEGRATOR, 1), TrackingPolicy(WALLED_INTEGRATOR, rest_planner), [[2.0, x]])
-    nearest_knot = np.abs(plan.states[0, :, 0] - x).min()
-    np.testing.assert_allclose(episodes.knot_violation, 0.1 - nearest_knot, atol=1e-4)
-    assert 0.1 - 0.011 <= episodes.violation[0] <= 0.1
-    assert episodes.knot_violation[0] < episodes.violation[0]
 
 
 def test_wrapped_environments_are_accepted():
@@ -251,7 +150,7 @@ def test_refusals():
         rollout(vector(PENDULUM, 1), policy, np.zeros((0, 2)))
 
 
-def test_starts_outside_the_parameter_box_are_run():
+def test_parameters_outside_their_box_are_run():
     episodes = rollout(vector(PENDULUM, 1), Stabiliser(PENDULUM), [[7.0, 3.0]], horizon=0.1)
     assert len(episodes) == 1
 

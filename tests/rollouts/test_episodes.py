@@ -1,0 +1,37 @@
+"""Batches of episodes."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from moe_policy.rollouts.episodes import Episodes
+from moe_policy.rollouts.rollout import rollout
+from tests.closed_loop import STARTS, constant, vector
+from tests.small_problems import DOUBLE_INTEGRATOR
+
+
+def some_episodes(horizon, record=True):
+    return rollout(vector(DOUBLE_INTEGRATOR, 3), constant(0.5), STARTS, horizon=horizon, record=record)
+
+
+def test_records_of_different_lengths_are_padded_with_nan():
+    short, long = some_episodes(0.1), some_episodes(0.2)
+    joined = Episodes.concatenate([short, long[1:]])
+    assert joined.states.shape == (5, 11, 2)
+    assert joined.controls.shape == (5, 10, 1)
+    np.testing.assert_array_equal(joined.states[:3, :6], short.states)
+    assert np.isnan(joined.states[:3, 6:]).all()
+    np.testing.assert_array_equal(joined.states[3:], long.states[1:])
+
+
+def test_episodes_without_records_stay_without():
+    joined = Episodes.concatenate([some_episodes(0.1, record=False)] * 2)
+    assert (len(joined), joined.states, joined.controls) == (6, None, None)
+
+
+def test_a_selection_keeps_all_fields_of_its_rows():
+    whole = some_episodes(0.1)
+    whole = replace(whole, cost=np.arange(3.0))
+    for chosen in (whole[1:], whole[np.array([False, True, True])], whole[np.array([1, 2])]):
+        for field in fields(Episodes):
+            np.testing.assert_array_equal(getattr(chosen, field.name), getattr(whole, field.name)[1:])
