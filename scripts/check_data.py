@@ -28,7 +28,7 @@ from moe_policy.experiments.records import write
 from moe_policy.planners.solver import SolverPlanner
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.sets.splits import split_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance
 
@@ -58,7 +58,7 @@ def by_solve(problem: OptimalControlProblem, cases: Array) -> Array:
 def by_generate(problem: OptimalControlProblem, cases: Array) -> Array:
     """Costs of a generated database."""
     with tempfile.TemporaryDirectory() as folder:
-        settings = split_of(problem, "training").settings
+        settings = sets_of(problem).training.settings
         return ocp_envs.generate(problem, Path(folder) / "cases.zarr", cases, settings=settings).costs().min(axis=1)
 
 

@@ -29,17 +29,17 @@ from moe_policy.experiments.totals import Totals
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.sets.splits import Split, split_of
+from ocp_envs.sets.splits import InstanceSet, sets_of
 from ocp_envs.support.provenance import provenance
 
 
-def make(problem: OptimalControlProblem, split: Split, path: Path, workers: int | None) -> None:
+def make(problem: OptimalControlProblem, split: InstanceSet, path: Path, workers: int | None) -> None:
     """Generate the database of ``split`` at ``path``."""
     p = split.parameters(problem)
     ocp_envs.generate(problem, path, p, workers=workers, seed=split.seed, settings=split.settings)
 
 
-def complete(problem: OptimalControlProblem, split: Split, path: Path) -> Database:
+def complete(problem: OptimalControlProblem, split: InstanceSet, path: Path) -> Database:
     """The complete database at ``path``, made as ``split`` says."""
     database = Database.open(path, problem)
     record = {"seed": split.seed, **split.settings.record()}
@@ -64,7 +64,7 @@ def parse() -> argparse.Namespace:
     return parser.parse()
 
 
-def check(arguments: argparse.Namespace, split: Split, folder: Path) -> Interruptions:
+def check(arguments: argparse.Namespace, split: InstanceSet, folder: Path) -> Interruptions:
     """Generate twice in ``folder``, once with kills, and compare."""
     problem, reference, seconds = arguments.problem, arguments.reference, None
     path = folder / "interrupted.zarr"
@@ -100,7 +100,7 @@ def check(arguments: argparse.Namespace, split: Split, folder: Path) -> Interrup
 def main() -> None:
     arguments = parse()
     problem = arguments.problem
-    split = split_of(problem, arguments.split) if arguments.split else Split(arguments.size, arguments.seed)
+    split = sets_of(problem).split(arguments.split) if arguments.split else InstanceSet(arguments.size, arguments.seed)
     if arguments.generate_into:
         make(problem, split, arguments.generate_into, arguments.workers)
         return

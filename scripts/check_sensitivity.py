@@ -29,7 +29,7 @@ from moe_policy.learning import recipes
 from moe_policy.planners.stored import StoredPlans
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.quadcopter import QUADCOPTER, cost_rate
-from ocp_envs.sets.splits import split_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance
 
@@ -44,7 +44,7 @@ SWAPPED = dataclasses.replace(QUADCOPTER, id="QuadcopterSwapped-v0", cost_rate=s
 
 def generated(name: str, data: Path, workers: int | None) -> Samples:
     """The solved instances of the split ``name`` of the changed problem, generated unless they are in ``data``."""
-    split, path = split_of(QUADCOPTER, name), data / SWAPPED.id / f"{name}.zarr"
+    split, path = sets_of(QUADCOPTER).split(name), data / SWAPPED.id / f"{name}.zarr"
     parameters, settings = split.parameters(QUADCOPTER), split.settings
     database = ocp_envs.generate(SWAPPED, path, parameters, seed=split.seed, settings=settings, workers=workers)
     cli.say(f"{name}: {database.totals()}")

@@ -35,7 +35,7 @@ from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
-from ocp_envs.sets.reference import Reference
+from ocp_envs.sets.reference import ReferenceSet
 from ocp_envs.support.provenance import provenance
 
 #: Control period, seconds.
@@ -68,7 +68,7 @@ class Sources:
         )
 
 
-def on_development(problem: OptimalControlProblem, method: Method, cases: Reference) -> DevelopmentMetrics:
+def on_development(problem: OptimalControlProblem, method: Method, cases: ReferenceSet) -> DevelopmentMetrics:
     """The metrics of ``method`` from ``cases``; the return of a planner is charged as that of a learner is."""
     envs, policy = environments(problem, len(cases), DT), method.policy(problem, DT)
     episodes, charged = rollout(envs, policy, cases.parameters), None
@@ -79,7 +79,7 @@ def on_development(problem: OptimalControlProblem, method: Method, cases: Refere
 
 
 def chosen_actor(
-    problem: OptimalControlProblem, name: str, training: LearnerTraining, cases: Reference
+    problem: OptimalControlProblem, name: str, training: LearnerTraining, cases: ReferenceSet
 ) -> ChosenActor | None:
     """The shipped actor of the learner ``name`` on ``cases``, and when in its ``training`` it was chosen."""
     if name not in store.available(problem):
@@ -92,7 +92,7 @@ def chosen_actor(
 
 
 def shipped_planners(
-    problem: OptimalControlProblem, effort: GenerationEffort | None, cases: Reference
+    problem: OptimalControlProblem, effort: GenerationEffort | None, cases: ReferenceSet
 ) -> tuple[ShippedPlanner, ...]:
     """The shipped networks of the benchmark on ``cases``, with what their data (``effort``) and training took."""
     rows = []
@@ -106,7 +106,7 @@ def shipped_planners(
     return tuple(rows)
 
 
-def tracked_optimum(problem: OptimalControlProblem, cases: Reference) -> Level:
+def tracked_optimum(problem: OptimalControlProblem, cases: ReferenceSet) -> Level:
     """The optimal trajectories, tracked, from those of ``cases`` that the solver solves."""
     trajectories, costs = solve_all(problem, cases.parameters, keep=cli.DATA / "optimal" / problem.id)
     known = cases[np.isfinite(costs)]

@@ -48,7 +48,7 @@ from moe_policy.rl import training as baselines
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
-from ocp_envs.sets.splits import split_of, splits_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance
@@ -57,8 +57,8 @@ from ocp_envs.support.provenance import provenance
 def generated(problem: OptimalControlProblem, folder: Path) -> dict[str, ocp_envs.Database]:
     """The databases of all splits by name, generated unless they are in ``folder``."""
     databases = {}
-    for name in splits_of(problem):
-        split, began = split_of(problem, name), time.perf_counter()
+    for name in sets_of(problem).splits:
+        split, began = sets_of(problem).split(name), time.perf_counter()
         p = split.parameters(problem)
         databases[name] = ocp_envs.generate(
             problem, folder / f"{name}.zarr", p, seed=split.seed, settings=split.settings

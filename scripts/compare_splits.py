@@ -31,7 +31,7 @@ from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.discontinuity import discontinuity_of
-from ocp_envs.sets.splits import hard_sets_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance, write_json
 
@@ -43,7 +43,7 @@ def log(text: str) -> None:
 
 
 def compare(
-    problem: OptimalControlProblem, methods: list[Method], split: str, cases: reference.Reference
+    problem: OptimalControlProblem, methods: list[Method], split: str, cases: reference.ReferenceSet
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]], dict[str, Episodes]]:
     """All methods on one split: what was compared, and by method the row and the episodes."""
     trajectories, found = solve_all(problem, cases.parameters, keep=ROOT / "data" / "optimal" / problem.id)
@@ -81,7 +81,7 @@ def main() -> None:
     began = time.perf_counter()
     problem = ocp_envs.load(arguments.env)
     methods = [*shipped(problem, ROOT / "results"), *stabiliser(problem)]
-    there = {"validation", *hard_sets_of(problem)}
+    there = {"validation", *sets_of(problem).hard}
     chosen = {split: SPLITS[split] for split in arguments.splits if SPLITS[split] in there}
     if not chosen:
         parser.error(f"{problem.id} has no such split; there are {', '.join(s for s in SPLITS if SPLITS[s] in there)}")

@@ -28,7 +28,7 @@ from moe_policy.experiments.totals import Totals
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
-from ocp_envs.sets.splits import split_of, splits_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.provenance import provenance
 
@@ -75,7 +75,7 @@ def fault_of(client: Any, address: str) -> str | None:
 def generate(name: str, arguments: argparse.Namespace, client: Any) -> None:
     """Generate the database of the split ``name``; write its record, and with ``--ship`` the reference."""
     problem: OptimalControlProblem = arguments.problem
-    split, path = split_of(problem, name), arguments.data / problem.id / f"{name}.zarr"
+    split, path = sets_of(problem).split(name), arguments.data / problem.id / f"{name}.zarr"
     stored = Database.open(path, problem) if path.exists() else None
     begun = stored.totals()["problems"] if stored else 0
     # Drawing takes an optimiser for some problems: a database that was begun contains the draws of its seed.
@@ -128,7 +128,7 @@ def main() -> None:
             solver.start()
         say(f"solver functions ready after {time.perf_counter() - began:.1f} s")
         try:
-            for name in arguments.splits or splits_of(arguments.problem):
+            for name in arguments.splits or sets_of(arguments.problem).splits:
                 generate(name, arguments, client)
         except BrokenExecutor as error:
             raise SystemExit(str(error)) from None

@@ -19,8 +19,8 @@ from pathlib import Path
 import ocp_envs
 from ocp_envs import tables
 from ocp_envs.sets import reference
-from ocp_envs.sets.hard_sets import make, smaller
-from ocp_envs.sets.splits import hard_set_of, hard_sets_of
+from ocp_envs.sets.making import make, smaller
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -40,7 +40,7 @@ def main() -> None:
         parser.error("--cases makes smaller sets than the package's own; give another folder with --tables")
 
     problem = ocp_envs.load(arguments.env)
-    chosen = {name: hard_set_of(problem, name) for name in arguments.splits or hard_sets_of(problem)}
+    chosen = {name: sets_of(problem).hard_set(name) for name in arguments.splits or sets_of(problem).hard}
     folder = arguments.data / problem.id / "hard"
     if arguments.cases:
         chosen = {name: smaller(hard, arguments.cases) for name, hard in chosen.items()}

@@ -20,7 +20,7 @@ from ocp_envs import tables
 from ocp_envs.distribution import Blocked
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.sets import free_paths
-from ocp_envs.sets.splits import splits_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.provenance import provenance
 
 
@@ -37,7 +37,7 @@ def main() -> None:
     problem = arguments.problem
     if not isinstance(problem.distribution, Blocked):
         raise SystemExit(f"{problem.id} draws its parameters uniformly and needs no tables")
-    if STARTS in {split.seed for split in splits_of(problem).values()}:
+    if STARTS in {split.seed for split in sets_of(problem).splits.values()}:
         raise SystemExit(f"seed {STARTS} of the table is that of a split")
     path = arguments.results / f"starts_{problem.id}.json"
     earlier = read(path, StartTables) if path.exists() else StartTables(provenance=provenance())

@@ -17,7 +17,7 @@ from moe_policy.experiments.data_text import text
 from moe_policy.experiments.figures.data import data_figure
 from moe_policy.experiments.records import write
 from ocp_envs.data.database import Database
-from ocp_envs.sets.splits import split_of, splits_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.solvers.accuracy import ATOL, RTOL
 from ocp_envs.support.provenance import provenance
 
@@ -32,14 +32,14 @@ def main() -> None:
     arguments = parser.parse()
 
     problem, folder = arguments.problem, arguments.data / arguments.problem.id
-    paths = {name: folder / f"{name}.zarr" for name in arguments.splits or splits_of(problem)}
+    paths = {name: folder / f"{name}.zarr" for name in arguments.splits or sets_of(problem).splits}
     if arguments.splits is None:
         paths = {name: path for name, path in paths.items() if path.exists()}
     if not paths:
         raise SystemExit(f"there are no databases in {folder}; make them with generate_data.py")
     reports, splits = {}, {}
     for name, path in paths.items():
-        split_of(problem, name)  # raises, with the nearest split, where there is none
+        sets_of(problem).split(name)  # raises, with the nearest split, where there is none
         database = Database.open(path, problem)
         held, accuracy = contents(database), accuracy_of(database, arguments.accuracy_cases, SEED)
         reports[name], splits[name] = (held, accuracy), held.report(accuracy, database.settings)

@@ -48,7 +48,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
-from ocp_envs.sets.splits import split_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.provenance import provenance, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -95,7 +95,7 @@ class Source:
         problem = self.problem
         if not self.quick:
             return ocp_envs.Database.open(self.data / problem.id / f"{name}.zarr", problem)
-        split, count = split_of(problem, name), getattr(benchmark_of(problem).quick, name)
+        split, count = sets_of(problem).split(name), getattr(benchmark_of(problem).quick, name)
         p = (
             reference.load(problem, name).parameters[:count]
             if name == "validation"

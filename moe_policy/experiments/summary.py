@@ -22,7 +22,7 @@ from moe_policy.learning.architectures import architecture_of, layer_sizes
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.sets.splits import split_of
+from ocp_envs.sets.splits import sets_of
 
 Record = dict[str, Any]
 _MEASURED = ("success", "success_at_plan_end", "violation", "knot_violation", "test_error", "validation_error")
@@ -130,12 +130,12 @@ def _cells(problem: OptimalControlProblem, single: Record, mixture: Record, case
     hidden = sorted({sizes.expert(size, average, method.replace("-", "")) for size in clusters})
     experts = np.array(mixture["part_test_errors"][0])
     paper = mixture.get("paper_expert_test_error")
-    validation = split_of(problem, "validation")
+    validation = sets_of(problem).validation
     return {
         "states, controls": f"{problem.system.nx}, {problem.system.nu}",
         "parameters": ", ".join(problem.parameters.names),
         "range": _box(problem),
-        "training problems": _beside(f"{single['samples']:,}", f"{len(split_of(problem, 'training')):,}"),
+        "training problems": _beside(f"{single['samples']:,}", f"{len(sets_of(problem).training):,}"),
         "validation problems": _beside(f"{cases:,}", f"{len(validation):,}"),
         "SNN size": str(layer_sizes(problem, sizes.single)),
         "SNN test error": _figure(single, "test_error"),

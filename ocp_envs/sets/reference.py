@@ -1,7 +1,7 @@
-"""Shipped parameters and reference costs: of the development and validation sets, and of the hard sets.
+"""Shipped instances with their optimal costs: the development and validation sets, and the hard sets.
 
-One table of :mod:`ocp_envs.tables` a set: the parameters, and the best known cost of every mode.
-Parameters are stored rather than drawn again, so that they stay the same whatever a library's random numbers become.
+Each set is a table of :mod:`ocp_envs.tables` with the parameters and the best known cost of every solution family.
+Parameters are stored rather than drawn again, so that they stay the same if a library changes its random numbers.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ocp_envs.support.rows import Batch
 from ocp_envs.tables import path_of
 
 SHIPPED = ("development", "validation")
-#: Sets of :mod:`ocp_envs.sets.hard_sets` by name; a problem without a jump has no ``boundary``.
+#: Names of the sets of :mod:`ocp_envs.sets.hard_sets`; a problem without a discontinuity has no ``boundary``.
 HARD = ("boundary", "outside")
 
 
@@ -30,12 +30,12 @@ class ReferenceDataError(tables.TableError):
 
 
 @dataclass(frozen=True, eq=False)
-class Reference(Batch):
-    """A set of problems with known optimal costs.
+class ReferenceSet(Batch):
+    """A set of instances with their optimal costs.
 
     Args:
         parameters: (M, np).
-        mode_costs: best known cost of every mode, +inf where none was found, (M, modes).
+        mode_costs: best known cost of every solution family, +inf where none was found, (M, modes).
     """
 
     parameters: Array
@@ -48,32 +48,42 @@ class Reference(Batch):
 
     @property
     def mode(self) -> NDArray[np.int64]:
-        """The mode that has it, (M,)."""
+        """The family of the best known cost, (M,)."""
         return np.asarray(self.mode_costs.argmin(axis=1), dtype=np.int64)
 
 
 def save(database: Database, split: str, folder: Path = tables.FOLDER) -> Path:
-    """Write the reference of ``database``, in one step.
+    """Write the instances and costs of ``database`` as the set ``split``; the path of the file.
+
+    Args:
+        database: of the set.
+        split: name of the set, such as ``"validation"``.
+        folder: of the tables of all problems.
 
     Raises:
-        ReferenceDataError: a problem without a solution.
+        ReferenceDataError: an instance without a solution.
     """
     costs = database.costs()
     unsolved = int((~np.isfinite(costs).any(axis=1)).sum())
     if unsolved:
         raise ReferenceDataError(
-            f"{database.path}: {unsolved} of {len(database)} problems have no solution to refer to"
+            f"{database.path}: {unsolved} of {len(database)} instances have no solution to refer to"
         )
-    return write(database.problem, split, Reference(database.parameters, costs), folder)
+    return write(database.problem, split, ReferenceSet(database.parameters, costs), folder)
 
 
-def write(problem: OptimalControlProblem, split: str, reference: Reference, folder: Path = tables.FOLDER) -> Path:
-    """Write ``reference`` as the set ``split`` of ``problem``, in one step."""
+def write(problem: OptimalControlProblem, split: str, reference: ReferenceSet, folder: Path = tables.FOLDER) -> Path:
+    """Write ``reference`` as the set ``split`` of ``problem`` into ``folder``; the path of the file."""
     return tables.save(problem, split, folder, parameters=reference.parameters, mode_costs=reference.mode_costs)
 
 
-def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDER) -> Reference:
-    """The shipped set ``split`` of ``problem``.
+def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDER) -> ReferenceSet:
+    """The shipped instances of ``problem`` with their optimal costs.
+
+    Args:
+        problem: the problem.
+        split: ``"development"``, ``"validation"``, ``"boundary"`` or ``"outside"``.
+        folder: of the tables of all problems; by default those of the package.
 
     Raises:
         ReferenceDataError: no such file, damaged, or made for another problem.
@@ -81,11 +91,11 @@ def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDE
     path = path_of(problem, split, folder)
     if not path.is_file():
         there = sorted(p.stem for p in path.parent.glob("*.npz"))
-        raise ReferenceDataError(f"no reference {split!r} is shipped for {problem.id}; there are {there}")
+        raise ReferenceDataError(f"no reference set {split!r} is shipped for {problem.id}; there are {there}")
     try:
         maker = "scripts/make_splits.py" if split in HARD else "scripts/generate_data.py --ship"
         arrays: dict[str, Any] = tables.load(problem, split, folder, maker)
-        return Reference(arrays["parameters"], arrays["mode_costs"])
+        return ReferenceSet(arrays["parameters"], arrays["mode_costs"])
     except tables.TableError as error:
         raise ReferenceDataError(str(error)) from error
     except KeyError as error:

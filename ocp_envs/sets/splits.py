@@ -1,33 +1,36 @@
-"""Which parameters every problem is trained, tuned and judged on, and which hard sets it is tried on beside them.
+"""The sets of instances that belong to a problem: for training, development and validation, and the hard ones.
 
-The seeds of all sets of a problem differ, so that no two share a parameter.
+All sets of a problem have different seeds, so that no two share a parameter.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import EqualCosts, SphereCentre, discontinuity_of
-from ocp_envs.sets.hard_sets import AROUND, HardSet, NearCentre, NearJump, OutsideBox
+from ocp_envs.sets.hard_sets import AROUND, HardSet, NearCentre, NearEqualCosts, OutsideBox
 from ocp_envs.sets.sampling import grid, sample
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.suggestions import did_you_mean
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
-class Split:
-    """A set of parameters.
+class InstanceSet:
+    """Instances of a problem: a random sample, or a grid.
 
     Args:
-        size: number of parameters, drawn at random; ignored for a grid. A smaller set with the same seed is the
+        size: number of instances of a random sample; ignored for a grid. A smaller sample with the same seed is the
             beginning of a larger one.
-        seed: of the draw, and of the generation.
-        grid: points along each coordinate of p, for a grid over the box.
-        settings: how its database is made.
+        seed: of the sample, and of the guesses of the solver.
+        grid: number of points along each coordinate of p, for a grid over the parameter box.
+        settings: how the database of the set is generated.
     """
 
     size: int = 0
@@ -39,100 +42,137 @@ class Split:
         return self.size if self.grid is None else math.prod(self.grid)
 
     def parameters(self, problem: OptimalControlProblem, first: int | None = None) -> Array:
-        """The parameters, (M, np), or the ``first`` of them."""
+        """The parameters of the set, (M, np).
+
+        Args:
+            problem: the problem.
+            first: return the first so many alone.
+        """
         if self.grid is not None:
             return grid(problem, self.grid)[:first]
         return sample(problem, self.seed, self.size if first is None else min(first, self.size), workers=None)
 
 
-#: A quadcopter has one optimum, and a sphere in space does not separate paths: nearly all starts end in the same one.
-#: So few solves are spent: from a fit through neighbours, and from lines only, as fatrop hangs on the motions under
+_SEEDS = {"training": 10, "development": 101, "validation": 202, "boundary": 505, "outside": 606}
+
+
+def _training(size: int, settings: GenerationSettings = DEFAULT_GENERATION) -> InstanceSet:
+    return InstanceSet(size, _SEEDS["training"], settings=settings)
+
+
+def _development(settings: GenerationSettings) -> InstanceSet:
+    return InstanceSet(1_000, _SEEDS["development"], settings=settings)
+
+
+def _validation(size: int, settings: GenerationSettings) -> InstanceSet:
+    return InstanceSet(size, _SEEDS["validation"], settings=settings)
+
+
+_TRAINING = _training(10_000)
+_DEVELOPMENT = _development(GenerationSettings.thorough())
+_VALIDATION = _validation(1_000, GenerationSettings.thorough())
+_OUTSIDE = OutsideBox(_SEEDS["outside"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemSets:
+    """The sets of one problem; the defaults are those of a problem of the user.
+
+    Args:
+        training: what planners learn from.
+        development: what settings are chosen on.
+        validation: what results are reported on.
+        boundary: instances near a discontinuity of the optimum; ``None`` where none is known.
+        outside: instances outside the parameter box.
+    """
+
+    training: InstanceSet = _TRAINING
+    development: InstanceSet = _DEVELOPMENT
+    validation: InstanceSet = _VALIDATION
+    boundary: HardSet | None = None
+    outside: HardSet = _OUTSIDE
+
+    @property
+    def splits(self) -> dict[str, InstanceSet]:
+        """The sets for training, development and validation, by name."""
+        return {"training": self.training, "development": self.development, "validation": self.validation}
+
+    @property
+    def hard(self) -> dict[str, HardSet]:
+        """The hard sets by name."""
+        near = {} if self.boundary is None else {"boundary": self.boundary}
+        return {**near, "outside": self.outside}
+
+    def split(self, name: str) -> InstanceSet:
+        """The set for training, development or validation called ``name``.
+
+        Raises:
+            ValueError: no such set; the message names the nearest one.
+        """
+        return _lookup("split", name, self.splits)
+
+    def hard_set(self, name: str) -> HardSet:
+        """The hard set called ``name``.
+
+        Raises:
+            ValueError: no such set; the message names the nearest one.
+        """
+        return _lookup("hard set", name, self.hard)
+
+
+def _lookup(kind: str, name: str, sets: Mapping[str, T]) -> T:
+    if name not in sets:
+        raise ValueError(f"the problem has no {kind} {name!r}; {did_you_mean(name, sets)}there are {sorted(sets)}")
+    return sets[name]
+
+
+#: A quadcopter has one optimum, and a sphere in space does not separate paths: from nearly all guesses the solver finds
+#: the same one. Few guesses therefore suffice: a fit through neighbours, and lines, since fatrop hangs on motions under
 #: random controls.
 _ONE_OPTIMUM = GenerationSettings(starts=2, neighbours=1, lookaround=1, guess="line", fit=40)
-#: The vehicle's settings are chosen from results/benchmark_generation_GroundVehicle-v0.json: on 2,000 problems a margin
-#: of 0.1 misses as many optima as 0.3 does with two thirds of the solves, and three neighbours miss none.
-_TRAINING = {
-    "PendulumSwingup-v0": Split(grid=(61, 21)),
-    "GroundVehicle-v0": Split(size=120_009, seed=10, settings=GenerationSettings(margin=0.1)),
-    "Quadcopter-v0": Split(size=9_000, seed=10, settings=_ONE_OPTIMUM),
-    "QuadcopterObstacle-v0": Split(size=616_758, seed=10, settings=_ONE_OPTIMUM),
-}
-_OTHERS = {
-    "development": Split(size=1_000, seed=101, settings=GenerationSettings.thorough()),
-    "validation": Split(size=1_000, seed=202, settings=GenerationSettings.thorough()),
-}
-_VEHICLE = GenerationSettings(neighbours=3)
 _CHECKED = GenerationSettings(starts=3, neighbours=1, lookaround=4, cold=1, guess="line", fit=40)
-_OF_THEIR_OWN = {
-    "Quadcopter-v0": {
-        "development": Split(size=1_000, seed=101, settings=_CHECKED),
-        "validation": Split(size=1_000, seed=202, settings=_CHECKED),
-    },
-    "QuadcopterObstacle-v0": {
-        "development": Split(size=1_000, seed=101, settings=_CHECKED),
-        "validation": Split(size=10_000, seed=202, settings=_CHECKED),
-    },
-    "GroundVehicle-v0": {
-        "development": Split(size=1_000, seed=101, settings=_VEHICLE),
-        "validation": Split(size=10_000, seed=202, settings=_VEHICLE),
-    },
+_OUTSIDE_ONE_OPTIMUM = OutsideBox(_SEEDS["outside"], settings=replace(AROUND, starts=6))
+#: Settings of the vehicle follow results/benchmark_generation_GroundVehicle-v0.json: on 2,000 instances a margin of 0.1
+#: misses as many optima as 0.3 does with two thirds of the solves, and three neighbours miss none.
+_VEHICLE = GenerationSettings(neighbours=3)
+_BENCHMARK = {
+    "PendulumSwingup-v0": ProblemSets(
+        training=InstanceSet(grid=(61, 21)),
+        # One in seventy instances in the box of the pendulum is within 3 % of the discontinuity, one in eight of the
+        # vehicle.
+        boundary=NearEqualCosts(_SEEDS["boundary"], 40_000),
+        outside=OutsideBox(_SEEDS["outside"], (0.0, 0.25)),
+    ),
+    "GroundVehicle-v0": ProblemSets(
+        training=_training(120_009, GenerationSettings(margin=0.1)),
+        development=_development(_VEHICLE),
+        validation=_validation(10_000, _VEHICLE),
+        boundary=NearEqualCosts(_SEEDS["boundary"], 5_000),
+    ),
+    "Quadcopter-v0": ProblemSets(
+        training=_training(9_000, _ONE_OPTIMUM),
+        development=_development(_CHECKED),
+        validation=_validation(1_000, _CHECKED),
+        outside=_OUTSIDE_ONE_OPTIMUM,
+    ),
+    "QuadcopterObstacle-v0": ProblemSets(
+        training=_training(616_758, _ONE_OPTIMUM),
+        development=_development(_CHECKED),
+        validation=_validation(10_000, _CHECKED),
+        boundary=NearCentre(_SEEDS["boundary"]),
+        outside=_OUTSIDE_ONE_OPTIMUM,
+    ),
 }
 
 
-def splits_of(problem: OptimalControlProblem) -> dict[str, Split]:
-    """The splits of ``problem`` by name; a problem of one's own gets 10,000 random training parameters."""
-    training = _TRAINING.get(problem.id, Split(size=10_000, seed=10))
-    return {"training": training, **_OTHERS, **_OF_THEIR_OWN.get(problem.id, {})}
-
-
-def split_of(problem: OptimalControlProblem, name: str) -> Split:
-    """The split called ``name``.
-
-    Raises:
-        ValueError: no such split; the message names the nearest one.
-    """
-    splits = splits_of(problem)
-    if name not in splits:
-        raise ValueError(_no_such("split", name, splits, problem))
-    return splits[name]
-
-
-def _no_such(kind: str, name: str, names: Iterable[str], problem: OptimalControlProblem) -> str:
-    return f"{problem.id} has no {kind} {name!r}; {did_you_mean(name, names)}there are {sorted(names)}"
-
-
-# -- hard sets ---------------------------------------------------------------------------------------------------------
-
-_NEAR, _OUTSIDE = 505, 606
-#: Quadcopters have one optimum nearly everywhere.
-_FEW = replace(AROUND, starts=6)
-_HARD: dict[str, dict[str, HardSet]] = {
-    # One in seventy of the pendulum's box is within 3 % of the jump, one in eight of the vehicle's.
-    "PendulumSwingup-v0": {"boundary": NearJump(_NEAR, 40_000), "outside": OutsideBox(_OUTSIDE, (0.0, 0.25))},
-    "GroundVehicle-v0": {"boundary": NearJump(_NEAR, 5_000)},
-    "Quadcopter-v0": {"outside": OutsideBox(_OUTSIDE, settings=_FEW)},
-    "QuadcopterObstacle-v0": {"outside": OutsideBox(_OUTSIDE, settings=_FEW)},
-}
-
-
-def hard_sets_of(problem: OptimalControlProblem) -> dict[str, HardSet]:
-    """The hard sets of ``problem`` by name: ``outside``, and where its optimum jumps ``boundary``."""
-    near: dict[str, HardSet] = {}
+def sets_of(problem: OptimalControlProblem) -> ProblemSets:
+    """The sets of ``problem``: those of the benchmark, or the defaults for a problem of the user."""
+    if problem.id in _BENCHMARK:
+        return _BENCHMARK[problem.id]
     match discontinuity_of(problem):
         case SphereCentre():
-            near = {"boundary": NearCentre(_NEAR)}
+            return ProblemSets(boundary=NearCentre(_SEEDS["boundary"]))
         case EqualCosts():
-            near = {"boundary": NearJump(_NEAR, 20_000)}
-    return {**near, "outside": OutsideBox(_OUTSIDE), **_HARD.get(problem.id, {})}
-
-
-def hard_set_of(problem: OptimalControlProblem, name: str) -> HardSet:
-    """The hard set called ``name``.
-
-    Raises:
-        ValueError: no such set; the message names the nearest one.
-    """
-    sets = hard_sets_of(problem)
-    if name not in sets:
-        raise ValueError(_no_such("hard set", name, sets, problem))
-    return sets[name]
+            return ProblemSets(boundary=NearEqualCosts(_SEEDS["boundary"], 20_000))
+        case _:
+            return ProblemSets()

@@ -23,14 +23,14 @@ from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.data.worker import solve_chunk
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
-from ocp_envs.sets.splits import Split
+from ocp_envs.sets.splits import InstanceSet, ProblemSets
 from ocp_envs.support import dask
 from ocp_envs.support.dask import TasksInFlight
 
 distributed = pytest.importorskip("distributed")
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = GenerationSettings(first=20, chunk=10, starts=2)
-TINY = {"validation": Split(size=30, seed=202, settings=SMALL)}
+TINY = {"validation": InstanceSet(size=30, seed=202, settings=SMALL)}
 COUNT = 80
 
 
@@ -213,8 +213,7 @@ def script(monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     monkeypatch.delitem(sys.modules, "generate_data", raising=False)
     module = importlib.import_module("generate_data")
-    monkeypatch.setattr(module, "splits_of", lambda problem: TINY)
-    monkeypatch.setattr(module, "split_of", lambda problem, name: TINY[name])
+    monkeypatch.setattr(module, "sets_of", lambda problem: ProblemSets(**TINY))
     return module
 
 

@@ -10,7 +10,7 @@ from moe_policy.experiments.benchmark.parts import Planners
 from moe_policy.experiments.benchmark.published import Published
 from moe_policy.learning import recipes
 from ocp_envs.problems import BENCHMARK
-from ocp_envs.sets.splits import split_of
+from ocp_envs.sets.splits import sets_of
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 
@@ -25,15 +25,15 @@ def test_benchmarks_name_what_exists(env_id):
     for name in benchmark.planners.trained:
         with pytest.raises(TypeError, match="expected a Database"):
             recipes.make(name, object())
-    assert all(size < len(split_of(problem, "training")) for size in benchmark.training.sizes)
+    assert all(size < len(sets_of(problem).training) for size in benchmark.training.sizes)
     assert set(benchmark.training.whole) <= set(benchmark.planners.trained)
     assert set(benchmark.learners.short) <= set(benchmark.learners.settings)
     assert all(settings.algorithm == name for name, settings in benchmark.learners.settings.items())
     assert benchmark.overview.learner in benchmark.learners.settings
     assert benchmark.overview.kmeans in benchmark.planners.compared
     assert set(benchmark.planners.compared) <= set(benchmark.shipped)
-    assert benchmark.quick.training <= len(split_of(problem, "training"))
-    assert benchmark.quick.validation <= len(split_of(problem, "validation"))
+    assert benchmark.quick.training <= len(sets_of(problem).training)
+    assert benchmark.quick.validation <= len(sets_of(problem).validation)
     if benchmark.figures.around is not None:
         problem.check_parameters([benchmark.figures.around])
 

@@ -26,16 +26,16 @@ from moe_policy.rl.settings import SACSettings
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
-from ocp_envs.sets.splits import Split
+from ocp_envs.sets.splits import InstanceSet, ProblemSets
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
 QUICK = TrainingSettings(epochs=3)
 FEW = GenerationSettings(first=20, chunk=20, starts=2)
 TINY = {
-    "training": Split(grid=(10, 4), settings=FEW),
-    "development": Split(size=4, seed=101, settings=FEW),
-    "validation": Split(size=12, seed=202, settings=FEW),
+    "training": InstanceSet(grid=(10, 4), settings=FEW),
+    "development": InstanceSet(size=4, seed=101, settings=FEW),
+    "validation": InstanceSet(size=12, seed=202, settings=FEW),
 }
 COMPARED = ("nearest", "snn", "moe-custom", "moe-kmeans-4", "sac")
 shipped = pytest.mark.skipif(
@@ -68,8 +68,7 @@ def run(monkeypatch):
 
 
 def with_tiny_splits(monkeypatch, module):
-    monkeypatch.setattr(module, "splits_of", lambda problem: TINY)
-    monkeypatch.setattr(module, "split_of", lambda problem, name: TINY[name])
+    monkeypatch.setattr(module, "sets_of", lambda problem: ProblemSets(**TINY))
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +109,7 @@ def test_scripts_run_from_any_folder(tmp_path):
     command = [sys.executable, str(ROOT / "scripts" / "generate_data.py"), "--splits", "exam", "--data", str(tmp_path)]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert result.returncode != 0
-    assert "has no split 'exam'" in result.stderr
+    assert "no split 'exam'" in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 
@@ -347,7 +346,7 @@ SHORT = ("steps=400", "learning_starts=200", "n_envs=4", "hidden=(8, 8)", "evalu
 def test_train_rl_ships_a_policy_and_its_record(script, run, monkeypatch, tmp_path):
     pytest.importorskip("stable_baselines3")
     module = script("train_rl")
-    few = reference.Reference(np.array([[0.5, 0.0], [3.0, 0.1]]), np.ones((2, 3)))
+    few = reference.ReferenceSet(np.array([[0.5, 0.0], [3.0, 0.1]]), np.ones((2, 3)))
     monkeypatch.setattr(module.reference, "load", lambda problem, split: few)
     folders = [f"--{name}={tmp_path / name}" for name in ("models", "results", "checkpoints")]
     run(module, "--trial", "two layers", *folders, "--set", *SHORT)

@@ -12,12 +12,13 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.sets import reference
 from ocp_envs.sets.discontinuity import relative_cost_difference
-from ocp_envs.sets.hard_sets import ONE_ROUND, NearJump, OutsideBox
+from ocp_envs.sets.hard_sets import ONE_ROUND, NearEqualCosts, OutsideBox
+from ocp_envs.sets.splits import ProblemSets
 from scripts import compare_splits, make_splits
 
 FEW = GenerationSettings(first=ONE_ROUND, starts=3, chunk=10)
 TINY = {
-    "boundary": NearJump(seed=505, drawn=40, size=3, limit=0.4, slack=0.5, spare=3.0, cheap=FEW, settings=FEW),
+    "boundary": NearEqualCosts(seed=505, drawn=40, size=3, limit=0.4, slack=0.5, spare=3.0, cheap=FEW, settings=FEW),
     "outside": OutsideBox(seed=606, beyond=(0.0, 0.25), size=3, settings=FEW),
 }
 compared = pytest.mark.skipif(
@@ -36,8 +37,7 @@ def made(tmp_path_factory):
     """Tiny sets and their record, as scripts/make_splits.py makes them."""
     folder = tmp_path_factory.mktemp("splits")
     with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setattr(make_splits, "hard_sets_of", lambda problem: TINY)
-        monkeypatch.setattr(make_splits, "hard_set_of", lambda problem, name: TINY[name])
+        monkeypatch.setattr(make_splits, "sets_of", lambda problem: ProblemSets(**TINY))
         folders = ("--data", folder / "data", "--tables", folder / "tables", "--results", folder)
         run(monkeypatch, make_splits, "--workers", 1, *folders)
     return folder

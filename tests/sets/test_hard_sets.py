@@ -13,25 +13,26 @@ from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.problems.vehicle import VEHICLE
-from ocp_envs.sets import hard_sets, reference
+from ocp_envs.sets import hard_sets, making, reference
 from ocp_envs.sets.discontinuity import off_centre, relative_cost_difference
-from ocp_envs.sets.hard_sets import ONE_ROUND, NearJump, OutsideBox, make, smaller
+from ocp_envs.sets.hard_sets import ONE_ROUND, NearEqualCosts, OutsideBox
+from ocp_envs.sets.making import make, smaller
 from ocp_envs.sets.outside import excess, sample_outside
 from ocp_envs.sets.sampling import sample
-from ocp_envs.sets.splits import hard_set_of, hard_sets_of, splits_of
+from ocp_envs.sets.splits import sets_of
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 FEW = GenerationSettings(first=ONE_ROUND, starts=3, chunk=10)
 SHIPPED = [
     (problem, name)
     for problem in BENCHMARK
-    for name in hard_sets_of(problem)
+    for name in sets_of(problem).hard
     if reference.path_of(problem, name).exists()
 ]
 
 
 def test_problems_near_the_jump(tmp_path, monkeypatch):
-    wide = NearJump(seed=1, drawn=40, size=3, limit=0.4, slack=0.5, spare=3.0, cheap=FEW, settings=FEW)
+    wide = NearEqualCosts(seed=1, drawn=40, size=3, limit=0.4, slack=0.5, spare=3.0, cheap=FEW, settings=FEW)
     made, record = make(PENDULUM, "boundary", wide, tmp_path, workers=1)
     assert len(made) == 3
     assert (relative_cost_difference(made.mode_costs) < 0.4).all()
@@ -44,7 +45,8 @@ def test_problems_near_the_jump(tmp_path, monkeypatch):
         known = ocp_envs.solve(PENDULUM, p, seed=9).modes.cost
         np.testing.assert_allclose(np.sort(costs)[:2], np.sort(known)[:2], rtol=1e-5)
     # The same call reads what is there.
-    monkeypatch.setattr(hard_sets, "generate", lambda problem, path, *_, **__: ocp_envs.Database.open(path, problem))
+    for module in (hard_sets, making):
+        monkeypatch.setattr(module, "generate", lambda problem, path, *_, **__: ocp_envs.Database.open(path, problem))
     again, _ = make(PENDULUM, "boundary", wide, tmp_path, workers=1)
     np.testing.assert_array_equal(again.mode_costs, made.mode_costs)
     with pytest.raises(RuntimeError, match=r"candidates for 'boundary'.*400 are wanted"):
@@ -64,9 +66,9 @@ def test_the_better_cost_of_a_mode_is_kept(tmp_path, monkeypatch):
     cheap = np.array([[2.0, 1.0, np.inf], [3.0, 5.0, 4.0], [1.0, np.inf, np.inf]])
     search = np.array([[np.inf, 1.1, 0.5], [2.0, 6.0, np.inf], [1.0, 1.02, 9.0]])
     database = SimpleNamespace(costs=lambda: search, totals=dict, settings={})
-    monkeypatch.setattr(hard_sets, "generate", lambda *_, **__: database)
+    monkeypatch.setattr(making, "generate", lambda *_, **__: database)
 
-    class Given(NearJump):
+    class Given(NearEqualCosts):
         def candidates(self, problem, folder, workers):
             return hard_sets.Candidates(np.arange(6.0).reshape(3, 2), cheap, {})
 
@@ -82,35 +84,35 @@ def test_the_better_cost_of_a_mode_is_kept(tmp_path, monkeypatch):
 
 
 def test_a_smaller_set_has_a_share_of_the_draws():
-    whole = hard_set_of(PENDULUM, "boundary")
+    whole = sets_of(PENDULUM).boundary
     part = smaller(whole, 50)
     assert (part.size, part.drawn) == (50, whole.drawn * 2 * 50 // whole.size)
-    assert smaller(hard_set_of(PENDULUM, "outside"), 50).size == 50
+    assert smaller(sets_of(PENDULUM).outside, 50).size == 50
 
 
 # -- declarations ------------------------------------------------------------------------------------------------------
 
 
 def test_which_problems_have_which_sets():
-    names = {p.id: sorted(hard_sets_of(p)) for p in (*BENCHMARK, DOUBLE_INTEGRATOR)}
+    names = {p.id: sorted(sets_of(p).hard) for p in (*BENCHMARK, DOUBLE_INTEGRATOR)}
     one_mode = [QUADCOPTER.id, DOUBLE_INTEGRATOR.id]
     assert all(there == (["outside"] if id_ in one_mode else ["boundary", "outside"]) for id_, there in names.items())
     assert {name for there in names.values() for name in there} == set(reference.HARD)
-    with pytest.raises(ValueError, match="has no hard set 'boundry'; did you mean 'boundary'"):
-        hard_set_of(PENDULUM, "boundry")
+    with pytest.raises(ValueError, match="no hard set 'boundry'; did you mean 'boundary'"):
+        sets_of(PENDULUM).hard_set("boundry")
 
 
 @pytest.mark.parametrize("problem", [*BENCHMARK, DOUBLE_INTEGRATOR], ids=lambda problem: problem.id)
 def test_every_set_has_a_seed_of_its_own(problem):
-    random = [split for split in splits_of(problem).values() if split.grid is None]
-    seeds = [made.seed for made in (*random, *hard_sets_of(problem).values())]
+    random = [split for split in sets_of(problem).splits.values() if split.grid is None]
+    seeds = [made.seed for made in (*random, *sets_of(problem).hard.values())]
     assert len(set(seeds)) == len(seeds)
     assert 303 not in seeds  # the table of starts
 
 
 def test_searches_are_exhaustive_where_modes_compete():
     for problem in (PENDULUM, VEHICLE):
-        assert hard_set_of(problem, "boundary").settings.starts >= 40
+        assert sets_of(problem).boundary.settings.starts >= 40
 
 
 # -- what is shipped ---------------------------------------------------------------------------------------------------
@@ -118,7 +120,7 @@ def test_searches_are_exhaustive_where_modes_compete():
 
 @pytest.mark.parametrize(("problem", "name"), SHIPPED, ids=lambda value: getattr(value, "id", value))
 def test_shipped_sets_are_those_that_are_declared(problem, name):
-    shipped, declared = reference.load(problem, name), hard_set_of(problem, name)
+    shipped, declared = reference.load(problem, name), sets_of(problem).hard_set(name)
     p = shipped.parameters
     assert len(shipped) == declared.size == 500
     assert shipped.mode_costs.shape == (500, len(problem.modes))

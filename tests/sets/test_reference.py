@@ -8,7 +8,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
 from ocp_envs.sets.reference import ReferenceDataError
 from ocp_envs.sets.sampling import sample
-from ocp_envs.sets.splits import split_of, splits_of
+from ocp_envs.sets.splits import sets_of
 from tests.data.test_database import made_up
 from tests.small_problems import DOUBLE_INTEGRATOR
 
@@ -42,7 +42,7 @@ def test_an_unsolved_problem_cannot_be_a_reference(tmp_path):
     p = sample(PENDULUM, 1, 5)
     made = Database.create(tmp_path / "d", PENDULUM, p)
     made.write(0, made_up(PENDULUM, p))
-    with pytest.raises(ReferenceDataError, match="1 of 5 problems have no solution"):
+    with pytest.raises(ReferenceDataError, match="1 of 5 instances have no solution"):
         reference.save(made, "validation", tmp_path)
 
 
@@ -50,9 +50,9 @@ def test_files_of_another_problem_or_none_are_refused(database, tmp_path):
     path = reference.save(database, "validation", tmp_path)
     with pytest.raises(ReferenceDataError, match="the problem has changed since"):
         reference.load(PENDULUM.with_constants(mass=1.1), "validation", tmp_path)
-    with pytest.raises(ReferenceDataError, match=r"no reference 'test' .* there are \['validation'\]"):
+    with pytest.raises(ReferenceDataError, match=r"no reference set 'test' .* there are \['validation'\]"):
         reference.load(PENDULUM, "test", tmp_path)
-    with pytest.raises(ReferenceDataError, match="no reference"):
+    with pytest.raises(ReferenceDataError, match="no reference set"):
         reference.load(DOUBLE_INTEGRATOR, "validation", tmp_path)
     content = path.read_bytes()
     for damaged in (content[: len(content) // 2], b"", b"something else"):
@@ -67,7 +67,7 @@ def test_files_of_another_problem_or_none_are_refused(database, tmp_path):
 @pytest.mark.parametrize("problem", [*BENCHMARK, DOUBLE_INTEGRATOR], ids=lambda problem: problem.id)
 def test_splits_share_no_parameters(problem):
     limit = None if isinstance(problem.distribution, Uniform) else 300  # drawing takes an optimiser
-    drawn = {name: split.parameters(problem, limit) for name, split in splits_of(problem).items()}
+    drawn = {name: split.parameters(problem, limit) for name, split in sets_of(problem).splits.items()}
     assert set(drawn) == {"training", *reference.SHIPPED}
     for p in drawn.values():
         assert len(problem.check_parameters(p)) > 0
@@ -76,7 +76,7 @@ def test_splits_share_no_parameters(problem):
 
 
 def test_the_pendulum_has_the_papers_sets():
-    assert {n: len(s.parameters(PENDULUM)) for n, s in splits_of(PENDULUM).items()} == {
+    assert {n: len(s.parameters(PENDULUM)) for n, s in sets_of(PENDULUM).splits.items()} == {
         "training": 1281,
         "development": 1000,
         "validation": 1000,
@@ -85,7 +85,7 @@ def test_the_pendulum_has_the_papers_sets():
 
 def test_an_unknown_split_names_the_nearest():
     with pytest.raises(ValueError, match="did you mean 'validation'"):
-        split_of(PENDULUM, "validate")
+        sets_of(PENDULUM).split("validate")
 
 
 @pytest.mark.parametrize("problem", BENCHMARK, ids=lambda problem: problem.id)
@@ -94,7 +94,8 @@ def test_shipped_files_are_those_of_the_splits(problem, split):
     if not reference.path_of(problem, split).exists():
         pytest.skip("not shipped yet")
     shipped = reference.load(problem, split)
-    assert len(shipped) == len(split_of(problem, split))
-    drawn = split_of(problem, split).parameters(problem, None if isinstance(problem.distribution, Uniform) else 300)
+    assert len(shipped) == len(sets_of(problem).split(split))
+    first = None if isinstance(problem.distribution, Uniform) else 300
+    drawn = sets_of(problem).split(split).parameters(problem, first)
     np.testing.assert_allclose(shipped.parameters[: len(drawn)], drawn, rtol=1e-12)
     assert np.isfinite(shipped.cost).all()

@@ -18,7 +18,7 @@ from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.sets import free_paths, sampling
 from ocp_envs.sets.outside import sample_outside
 from ocp_envs.sets.sampling import grid, sample
-from ocp_envs.sets.splits import splits_of
+from ocp_envs.sets.splits import sets_of
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.solvers.solver import GuardedSolver
@@ -282,7 +282,7 @@ def test_the_starts_are_drawn_as_the_sets_are_and_share_nothing_with_them():
     assert starts.shape == (10_000, 7)
     assert starts.dtype == np.float64
     assert len(np.unique(starts, axis=0)) == len(starts)
-    assert 303 not in {split.seed for split in splits_of(QUADCOPTER_OBSTACLE).values()}
+    assert 303 not in {split.seed for split in sets_of(QUADCOPTER_OBSTACLE).splits.values()}
     np.testing.assert_allclose(starts[:20], sample(QUADCOPTER_OBSTACLE, 303, 20), rtol=1e-12)
     unit = ((starts - box.lower) / box.width)[:, :3]  # these alone are uniform
     np.testing.assert_allclose(unit.mean(axis=0), 1 / 2, atol=5 / np.sqrt(12 * len(unit)))
