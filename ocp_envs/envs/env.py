@@ -17,9 +17,10 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
+from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Plant
+from ocp_envs.envs.resets import Reset
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.render.film import Film
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.trajectory import Trajectory
 
@@ -123,7 +124,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         self._observed = np.zeros(options.observation_space.shape, dtype=np.float32)
         self._steps = options.max_steps
         self._over = True
-        self._film = Film(options.dt, 1)
+        self._pictures = Pictures(self._plant)
 
     @property
     def problem(self) -> OptimalControlProblem:
@@ -177,19 +178,13 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
                 ``extrapolate``.
         """
         super().reset(seed=seed)
-        _, p = self.options.check_reset(options)
-        if p is None:
-            p = self.options.draw_parameters(self.np_random)[None]
-        if len(p) != 1:
-            raise ValueError(f"{self.problem.id}: expected the parameters of one episode, got {len(p)} rows")
-        self._plant.begin(_ROW, p)
+        p = Reset.of_one(self.problem, options).parameters
+        self._plant.begin(_ROW, self.options.draw_parameters(self.np_random)[None] if p is None else p)
         self._observed[self.problem.system.nx :] = self._plant.step.context
         self._steps = 0
         self._over = False
-        if self.render_mode is not None:
-            self._film.begin(_ROW, self._plant.step.state)
-            if self.render_mode == "human":
-                self.render()
+        self._pictures.begin(_ROW)
+        self._pictures.update()
         return self._observation(), {"parameters": self.parameters}
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
@@ -228,9 +223,8 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         truncated = not terminated and self._steps >= options.max_steps
         self._over = terminated or truncated
         if self.render_mode is not None:
-            self._film.record(_ROW, step.state, np.array([cost]))
-            if self.render_mode == "human":
-                self.render()
+            self._pictures.record(_ROW, np.array([cost]))
+            self._pictures.update()
         return self._observation(), -cost, terminated, truncated, info
 
     def show_plan(self, plan: Trajectory) -> None:
@@ -242,18 +236,13 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         Raises:
             ValueError: another number of plans.
         """
-        self._film.announce(_ROW, plan)
+        self._pictures.announce(plan)
 
     def render(self) -> NDArray[np.uint8] | None:
         """The frame (height, width, 3) in mode ``"rgb_array"``; a window in mode ``"human"``."""
-        if self.render_mode is None:
-            gym.logger.warn('render() needs render_mode="rgb_array" or "human" when the environment is made')
-            return None
-        if self.render_mode == "human":
-            self._film.show(self.problem, 0, self.context)
-            return None
-        return self._film.frame(self.problem, 0, self.context)
+        frames = self._pictures.frames()
+        return None if frames is None else frames[0]
 
     def close(self) -> None:
         """Close the window, if there is one."""
-        self._film.close()
+        self._pictures.close()

@@ -178,41 +178,6 @@ class Options:
         """
         return self.problem.distribution.draw(self.problem, generator)
 
-    def check_reset(self, options: Mapping[str, Any] | None, *more: str) -> tuple[Mapping[str, Any], Array | None]:
-        """Check the ``options`` of a reset.
-
-        Args:
-            options: those given to ``reset``.
-            more: names that it may have beside ``parameters`` and ``extrapolate``.
-
-        Returns:
-            The options, and their parameters (B, np) if they have any.
-
-        Raises:
-            ValueError: an unknown option, or parameters of another shape, not finite, outside their box without
-                ``extrapolate``, or with an initial state outside the operating box.
-        """
-        given = options or {}
-        known = ("parameters", "extrapolate", *more)
-        for name in given:
-            if name not in known:
-                hint = did_you_mean(name, known)
-                raise ValueError(
-                    f"{self.problem.id}: unknown option {name!r} of reset(); {hint}known are {list(known)}"
-                )
-        if given.get("parameters") is None:
-            return given, None
-        p = self.problem.check_parameters(given["parameters"], extrapolate=bool(given.get("extrapolate", False)))
-        box = self.problem.system.state
-        outside = ~box.contains(self.problem.start(p)[0], 1e-6)
-        if outside.any():
-            row = int(np.flatnonzero(outside)[0])
-            raise ValueError(
-                f"{self.problem.id}: parameters {p[row]} (row {row}) start outside the operating box "
-                f"{box.lower} … {box.upper}, where no episode can begin"
-            )
-        return given, p
-
 
 def _restore(problem: OptimalControlProblem | str, *values: Any) -> Options:
     return Options(problem_of(problem), *values)

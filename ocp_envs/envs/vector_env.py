@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from ocp_envs.envs.generators import Generators
 from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
 from ocp_envs.envs.outcome import Outcome
+from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Plant
+from ocp_envs.envs.resets import Reset
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.render.film import Film
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.trajectory import Trajectory
 
@@ -91,7 +92,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._truncated = np.zeros(num_envs, dtype=np.bool_)
         self._all = np.arange(num_envs)
         self._begun = False
-        self._film = Film(options.dt, num_envs)
+        self._pictures = Pictures(self._plant)
 
     @property
     def problem(self) -> OptimalControlProblem:
@@ -136,36 +137,16 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             ValueError: an unknown option, or parameters of another shape, not finite, or outside the box without
                 ``extrapolate``.
         """
-        known, given = self.options.check_reset(options, "reset_mask")
-        rows = self._rows(known)
-        if given is not None:
-            if len(given) not in (1, self.num_envs):
-                raise ValueError(
-                    f"{self.problem.id}: expected parameters of 1 or {self.num_envs} rows, got {len(given)}"
-                )
-            given = np.broadcast_to(given, self._plant.parameters.shape)[rows]
+        due = Reset.of_many(self.problem, options, self.num_envs)
+        if not self._begun and len(due.rows) < self.num_envs:
+            raise ResetNeeded("the first reset must begin all rows; call reset() without a reset_mask")
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
-        self._generators.seed(seed, rows)
-        info = self._begin(rows, given)
+        self._generators.seed(seed, due.rows)
+        info = self._begin(due.rows, due.parameters)
         self._begun = True
-        if self.render_mode == "human":
-            self.render()
+        self._pictures.update()
         return self._observed.copy(), info
-
-    def _rows(self, options: Mapping[str, Any]) -> Ints:
-        """The rows that a reset with ``options`` begins."""
-        if "reset_mask" not in options:
-            return self._all
-        mask = np.asarray(options["reset_mask"])
-        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
-            raise ValueError(
-                f"options['reset_mask'] must be a boolean array ({self.num_envs},) with at least one True, "
-                f"got {mask.dtype} of shape {mask.shape}"
-            )
-        if not self._begun and not mask.all():
-            raise ResetNeeded("the first reset must begin all rows; call reset() without a reset_mask")
-        return np.flatnonzero(mask)
 
     def _begin(self, rows: Ints, parameters: Array | None = None) -> dict[str, Any]:
         """Begin episodes in ``rows`` with ``parameters`` (len(rows), np), drawn if not given; their ``info``."""
@@ -177,8 +158,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._steps[rows] = 0
         self._terminated[rows] = False
         self._truncated[rows] = False
-        if self.render_mode is not None:
-            self._film.begin(rows, step.state[rows])
+        self._pictures.begin(rows)
         self._observe(rows)
         begun = np.zeros(self.num_envs, dtype=np.bool_)
         begun[rows] = True
@@ -220,8 +200,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._plant.advance(controls, rows, self._generators.normal)
         outcome = self._conclude(moving)
         self._observe(rows)
-        if self.render_mode is not None:
-            self._film.record(rows, self._plant.step.state, outcome.cost)
+        self._pictures.record(rows, outcome.cost)
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and over.any():
             info = outcome.info(moving) | self._begin(np.flatnonzero(over))
@@ -231,8 +210,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             info |= self._begin(np.flatnonzero(ended))
         else:
             info = outcome.info(moving)
-        if self.render_mode == "human":
-            self.render()
+        self._pictures.update()
         return self._observed.copy(), -outcome.cost, terminated, truncated, info
 
     def _conclude(self, moving: Bools) -> Outcome:
@@ -258,19 +236,12 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         Raises:
             ValueError: another number of plans.
         """
-        self._film.announce(self._all, plans)
+        self._pictures.announce(plans)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """A frame (height, width, 3) per row in mode ``"rgb_array"``; a window with row 0 in mode ``"human"``."""
-        if self.render_mode is None:
-            gym.logger.warn('render() needs render_mode="rgb_array" or "human" when the environment is made')
-            return None
-        contexts = self._plant.step.context
-        if self.render_mode == "human":
-            self._film.show(self.problem, 0, contexts[0])
-            return None
-        return tuple(self._film.frame(self.problem, row, contexts[row]) for row in range(self.num_envs))
+        return self._pictures.frames()
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the window, if there is one; ``kwargs`` are not used."""
-        self._film.close()
+        self._pictures.close()

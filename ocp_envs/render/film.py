@@ -94,7 +94,11 @@ class Film:
         return self._draw(problem, row, context, window=False).pixels()
 
     def show(self, problem: OptimalControlProblem, row: int, context: Array) -> None:
-        """Show the picture of an episode in a window; arguments and errors are those of :meth:`frame`."""
+        """Show the picture of an episode in a window.
+
+        Args:
+            problem, row, context: as in :meth:`frame`, with the same errors.
+        """
         self._draw(problem, row, context, window=True).show()
 
     def close(self) -> None:

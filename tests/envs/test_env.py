@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import inspect
 import pickle
 import re
 import subprocess
@@ -18,17 +19,23 @@ from gymnasium.utils.env_checker import check_env
 
 import ocp_envs
 from ocp_envs.envs.env import Env
+from ocp_envs.envs.options import Options
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
+from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 
-PROBLEMS = [*(ocp_envs.load(name) for name in ocp_envs.names()), QUADCOPTER_OBSTACLE]
+PROBLEMS = [ocp_envs.load(name) for name in ocp_envs.names()]
 each_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
 
 
-def goal_state(problem):
-    return {"parameters": problem.parameters_of(problem.goal.state[None], np.zeros((1, 0)))[0]}
+def at_goal(problem):
+    """Options of a reset to the goal state in a context that lies in its box."""
+    box = problem.context
+    context = (box.lower + box.upper) / 2
+    p = problem.parameters_of(problem.goal.state[None], context[None])[0]
+    return {"parameters": p, "extrapolate": True}
 
 
 @each_problem
@@ -58,7 +65,7 @@ def test_passes_the_checker_of_stable_baselines3(problem):
 
 
 @each_problem
-def test_step_is_a_shell_on_advance(problem):
+def test_a_step_equals_advance(problem):
     env = Env(problem, terminate_at_goal=False)
     simulator = Simulator(problem, 0.02)
     observation, info = env.reset(seed=4)
@@ -102,29 +109,24 @@ def test_observation_box_holds_what_float32_makes_of_its_corners():
 
 @each_problem
 def test_goal_terminates_unless_told_otherwise(problem):
-    if len(problem.context):
-        return
-    hold = problem.goal.control.astype(np.float32)
     for stop in (True, False):
         env = Env(problem, terminate_at_goal=stop)
-        try:
-            env.reset(options=goal_state(problem))
-        except OutsideBoxError:
-            pytest.skip("the goal is not among the starts")
-        _, _, terminated, truncated, info = env.step(hold)
+        env.reset(options=at_goal(problem))
+        np.testing.assert_array_equal(env.state, problem.goal.state)
+        _, _, terminated, truncated, info = env.step(problem.goal.control.astype(np.float32))
         assert (terminated, truncated, info["is_success"]) == (stop, False, True)
         assert "failure" not in info
 
 
-def test_time_limit_is_in_seconds_whatever_the_tick():
-    for dt, limit, ticks in ((0.02, None, 1000), (0.1, 1.0, 10), (0.3, 1.0, 4)):
+def test_time_limit_is_in_seconds_whatever_the_control_step():
+    for dt, limit, steps in ((0.02, None, 1000), (0.1, 1.0, 10), (0.3, 1.0, 4)):
         env = gym.make("PendulumSwingup-v0", dt=dt, time_limit=limit, terminate_at_goal=False)
         env.reset(options={"parameters": [0.0, 0.0]})
         ends = []
         while not (ends and any(ends[-1])):
             _, _, terminated, truncated, info = env.step(np.zeros(1, np.float32))
             ends.append((terminated, truncated))
-        assert len(ends) == ticks
+        assert len(ends) == steps
         assert ends[-1] == (False, True)
         assert not info["is_success"]
 
@@ -132,16 +134,16 @@ def test_time_limit_is_in_seconds_whatever_the_tick():
 def test_leaving_the_box_costs_more_than_anything_that_stays():
     env = Env(PENDULUM, dt=0.1, time_limit=20.0, constants={"torque_gain": 30.0})
     env.reset(seed=0)
-    total, ticks = 0.0, 0
+    total, steps = 0.0, 0
     terminated = False
     while not terminated:
         _, reward, terminated, truncated, info = env.step(np.ones(1))
         total -= reward
-        ticks += 1
+        steps += 1
     assert info["failure"] == "left_box"
     assert not truncated
     assert not info["is_success"]
-    assert info["cost"] == pytest.approx(largest_cost_rate(PENDULUM) * (20.0 - 0.1 * (ticks - 1)))
+    assert info["cost"] == pytest.approx(largest_cost_rate(PENDULUM) * (20.0 - 0.1 * (steps - 1)))
     assert total == pytest.approx(2.0 * 20.0)  # full torque until then costs the largest rate, too
     assert PENDULUM.system.state.contains(env.state)
 
@@ -214,6 +216,45 @@ def test_refuses_bad_arguments(arguments, match):
         Env(PENDULUM, **arguments)
 
 
+@pytest.mark.parametrize("environment", [Env, VectorEnv])
+def test_the_signature_shows_every_argument_with_the_default_of_the_options(environment):
+    parameters = inspect.signature(environment).parameters
+    shown = {name: p.default for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY}
+    expected = {f.name: f.default for f in dataclasses.fields(Options) if f.name != "problem"}
+    assert shown == expected | {"constants": None}
+    for name in shown:
+        assert re.search(rf"\b{name}\b", environment.__doc__)
+
+
+@pytest.mark.parametrize("environment", [Env, VectorEnv])
+def test_every_argument_reaches_the_options(environment):
+    arguments = {"dt": 0.05, "terminate_at_goal": False, "time_limit": 3.0, "constants": {"mass": 2.0}, "delay": 2}
+    arguments |= {"disturbance": [0.1, 0.2], "observation_noise": [0.3, 0.4], "render_mode": "rgb_array"}
+    options = environment(PENDULUM, **arguments).options
+    for name, value in arguments.items():
+        np.testing.assert_array_equal(getattr(options, name), value)
+    assert options.simulator.problem.system.constants["mass"] == 2.0
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda **arguments: Env(PENDULUM, **arguments),
+        lambda **arguments: VectorEnv(PENDULUM, 2, **arguments),
+        lambda **arguments: gym.make("PendulumSwingup-v0", **arguments),
+        lambda **arguments: gym.make_vec("PendulumSwingup-v0", num_envs=2, **arguments),
+    ],
+    ids=["Env", "VectorEnv", "make", "make_vec"],
+)
+def test_a_mistyped_argument_is_answered_with_the_nearest_and_all_that_are_accepted(make):
+    with pytest.raises(
+        TypeError, match=r"unknown argument 'dely'; did you mean 'delay'\? accepted are \['problem',.*'dt'"
+    ):
+        make(dely=2)
+    with pytest.raises(TypeError, match="did you mean 'terminate_at_goal'"):
+        make(terminate_on_goal=False)
+
+
 def test_refuses_actions_of_another_shape():
     env = Env(QUADCOPTER_OBSTACLE)
     env.reset(seed=0)
@@ -227,14 +268,14 @@ def test_unknown_problem_names_the_nearest():
 
 
 def test_disturbance_and_noise_have_the_stated_size():
-    dt, ticks = 0.02, 4000
+    dt, steps = 0.02, 4000
     env = Env(
         PENDULUM, dt=dt, time_limit=1e4, terminate_at_goal=False, disturbance=[0.0, 0.5], observation_noise=[0.1, 0.0]
     )
     env.reset(seed=1)
     simulator = Simulator(PENDULUM, dt)
     pushes, errors = [], []
-    for _ in range(ticks):
+    for _ in range(steps):
         if abs(env.state[1]) > 4 or abs(env.state[0] - np.pi) > 9:
             env.reset(options={"parameters": [0.0, 0.0]})
         undisturbed = simulator.advance(env.state[None], np.zeros((1, 1)), np.zeros((1, 0))).states[0]

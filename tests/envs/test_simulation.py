@@ -15,19 +15,19 @@ from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 
-PROBLEMS = [*(ocp_envs.load(name) for name in ocp_envs.names()), QUADCOPTER_OBSTACLE]
+PROBLEMS = [ocp_envs.load(name) for name in ocp_envs.names()]
 each_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
 
 
-def draw(box, rows, seed, share=1.0):
-    """Uniform in the middle ``share`` of a box."""
+def draw(box, rows, seed, fraction=1.0):
+    """Uniform in the middle ``fraction`` of a box."""
     centre, half = box.centre, box.width / 2
-    return centre + share * half * np.random.default_rng(seed).uniform(-1, 1, (rows, len(box)))
+    return centre + fraction * half * np.random.default_rng(seed).uniform(-1, 1, (rows, len(box)))
 
 
-def draw_all(problem, rows, share=1.0):
+def draw_all(problem, rows, fraction=1.0):
     boxes = (problem.system.state, problem.system.control, problem.context)
-    return [draw(box, rows, seed, share) for seed, box in enumerate(boxes)]
+    return [draw(box, rows, seed, fraction) for seed, box in enumerate(boxes)]
 
 
 def dop853(problem, x, u, s, dt, w=0.0):
@@ -43,7 +43,7 @@ def dop853(problem, x, u, s, dt, w=0.0):
 
 @each_problem
 def test_agrees_with_dop853(problem):
-    x, u, s = draw_all(problem, 25, share=0.3)
+    x, u, s = draw_all(problem, 25, fraction=0.3)
     step = Simulator(problem, 0.02).advance(x, u, s)
     for i in range(len(x)):
         state, cost = dop853(problem, x[i], u[i], s[i], 0.02)
@@ -54,7 +54,7 @@ def test_agrees_with_dop853(problem):
 
 @each_problem
 def test_converges_with_order_four(problem):
-    x, u, s = draw_all(problem, 20, share=0.2)
+    x, u, s = draw_all(problem, 20, fraction=0.2)
     dt = 0.1
     reference = np.array([dop853(problem, *row, dt)[0] for row in zip(x, u, s)])
     errors = [np.linalg.norm(Simulator(problem, dt, n).advance(x, u, s).states - reference) for n in (2, 4, 8)]
@@ -62,13 +62,13 @@ def test_converges_with_order_four(problem):
     assert np.all(np.abs(orders - 4) < 0.35), (errors, orders)
 
 
-def test_a_tick_is_divided_into_steps_of_at_most_20_ms():
+def test_a_control_step_takes_runge_kutta_steps_of_at_most_20_ms():
     assert [Simulator(PENDULUM, dt).substeps for dt in (0.001, 0.02, 0.021, 0.1)] == [1, 1, 2, 5]
 
 
 @each_problem
 def test_disturbance_is_added_to_the_derivative(problem):
-    x, u, s = draw_all(problem, 5, share=0.3)
+    x, u, s = draw_all(problem, 5, fraction=0.3)
     w = np.random.default_rng(3).normal(size=x.shape)
     step = Simulator(problem, 0.02).advance(x, u, s, w)
     for i in range(len(x)):
@@ -120,7 +120,7 @@ def test_leaving_the_box_clips_the_state():
     assert step.states[1, 0] == 6 * np.pi
 
 
-def test_violation_is_the_depth_in_the_sphere_at_the_end_of_the_tick():
+def test_violation_is_the_depth_in_the_sphere_at_the_end_of_the_step():
     problem = QUADCOPTER_OBSTACLE
     x = np.zeros((3, 12))
     x[:, 0] = [0.0, 2.5, 4.0]
