@@ -26,10 +26,16 @@ _HOME = {
     "moe_policy.store": ("UnknownModelError", "available", "load", "load_file"),
     "moe_policy.rollouts.environments": ("environments",),
     "moe_policy.rollouts.episodes": ("Episodes",),
+    "moe_policy.rollouts.intervals": ("Proportion",),
+    "moe_policy.rollouts.metrics": ("CostRatio", "Metrics", "evaluate"),
     "moe_policy.rollouts.rollout": ("rollout",),
     "moe_policy.control.stabiliser": ("Stabilised", "Stabiliser"),
     "moe_policy.control.tracking": ("TrackingPolicy",),
     "moe_policy.control.weights": ("TrackingWeights",),
+    "moe_policy.rl.actor": ("LearnedPolicy",),
+    "moe_policy.rl.evaluation": ("Evaluation",),
+    "moe_policy.rl.settings": ("PPOSettings", "SACSettings", "TQCSettings"),
+    "moe_policy.rl.training": ("TrainingRun", "train"),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

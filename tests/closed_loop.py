@@ -25,4 +25,4 @@ def constant(value, **attributes):
     return SimpleNamespace(predict=predict, **attributes)
 
 
-STARTS = np.array([[2.0, 0.0], [-1.0, 0.0], [0.5, 0.0]])
+PARAMETERS = np.array([[2.0, 0.0], [-1.0, 0.0], [0.5, 0.0]])

@@ -28,11 +28,11 @@ def random_plan(problem, size, seed=0, spread=0.3):
     return Trajectory(np.stack(states, axis=1), controls, duration), contexts
 
 
-def replay(problem, policy, state, states, ticks, contexts=None):
-    """States (B, ticks+1, nx) and controls (B, ticks, nu) of a policy in the simulator."""
+def replay(problem, policy, state, states, steps, contexts=None):
+    """States (B, steps+1, nx) and controls (B, steps, nu) of a policy in the simulator."""
     contexts = np.zeros((len(states), len(problem.context))) if contexts is None else contexts
     simulator, xs, us = Simulator(problem, policy.dt), [states], []
-    for _ in range(ticks):
+    for _ in range(steps):
         u, state = policy.predict(np.concatenate([xs[-1], contexts], axis=1), state)
         us.append(u)
         xs.append(simulator.advance(xs[-1], u, contexts).states)

@@ -1,1 +1,1 @@
-"""Tracking of a plan with time-varying LQR."""
+"""Tracking of plans with time-varying LQR, and terminal regulation at the goal."""

@@ -1,1 +1,1 @@
-"""Reinforcement learning: the baselines."""
+"""Reinforcement learning: training of the baselines, and their policies."""

@@ -41,12 +41,12 @@ def test_linearisation_is_the_derivative_of_the_simulated_step(problem):
 
 @pytest.mark.parametrize("problem", [PENDULUM, QUADCOPTER])
 def test_long_riccati_recursion_reaches_the_algebraic_solution(problem):
-    ticks, nx, nu = 900, problem.system.nx, problem.system.nu
+    steps, nx, nu = 900, problem.system.nx, problem.system.nu
     weights = TrackingWeights(np.ones(nx), np.full(nu, 0.1), terminal=np.zeros((nx, nx)))
     regulator = Regulator(problem, DT, weights)
-    states, controls = np.tile(problem.goal.state, (1, ticks + 1, 1)), np.tile(problem.goal.control, (1, ticks, 1))
+    states, controls = np.tile(problem.goal.state, (1, steps + 1, 1)), np.tile(problem.goal.control, (1, steps, 1))
     contexts = np.zeros((1, len(problem.context)))
-    gains, norms = regulator.along(states, controls, contexts, np.array([ticks]))
+    gains, norms = regulator.along(states, controls, contexts, np.array([steps]))
     a, b = regulator.linearise(problem.goal.state[None], problem.goal.control[None], contexts)
     p = solve_discrete_are(a[0], b[0], np.eye(nx), 0.1 * np.eye(nu))
     exact = np.linalg.solve(0.1 * np.eye(nu) + b[0].T @ p @ b[0], b[0].T @ p @ a[0])
@@ -61,21 +61,21 @@ def test_riccati_is_the_optimum_of_the_finite_horizon_problem():
     plan, contexts = random_plan(PENDULUM, 1, seed=5)
     reference = Resampler(PENDULUM, DT)(plan, contexts)
     regulator = Regulator(PENDULUM, DT, TrackingWeights(np.array([4.0, 9.0]), np.array([0.1])))
-    ticks = int(reference.steps[0])
+    steps = int(reference.steps[0])
     gains, _ = regulator.along(reference.states, reference.controls, contexts, reference.steps)
-    rows = np.zeros((ticks, 0))
+    rows = np.zeros((steps, 0))
     a, b = regulator.linearise(reference.states[0, :-1], reference.controls[0], rows)
-    free, forced = np.eye(2), np.zeros((2, ticks))
+    free, forced = np.eye(2), np.zeros((2, steps))
     blocks, targets = [], []
     root = np.linalg.cholesky(regulator.terminal).T
-    for k in range(ticks):
+    for k in range(steps):
         free, forced = a[k] @ free, a[k] @ forced
         forced[:, k] = b[k, :, 0]
-        weight = np.diag([2.0, 3.0]) if k < ticks - 1 else root
+        weight = np.diag([2.0, 3.0]) if k < steps - 1 else root
         blocks.append(weight @ forced)
         targets.append(weight @ free)
-    matrix = np.concatenate([*blocks, np.sqrt(0.1) * np.eye(ticks)])
-    target = np.concatenate([*targets, np.zeros((ticks, 2))])
+    matrix = np.concatenate([*blocks, np.sqrt(0.1) * np.eye(steps)])
+    target = np.concatenate([*targets, np.zeros((steps, 2))])
     optimum = np.linalg.lstsq(matrix, target, rcond=None)[0]
     np.testing.assert_allclose(gains[0, 0, 0], optimum[0], rtol=1e-6)
 

@@ -19,15 +19,15 @@ def test_the_control_steps_of_a_plan_include_the_last_partial_one():
 def test_the_mean_control_is_the_integral_over_each_control_step():
     plan, _ = random_plan(PENDULUM, 3)
     after = np.array([0.7])
-    ticks = 160
-    means = mean_controls(plan, DT, ticks, after)
-    fine = (np.arange(ticks * 4000) + 0.5) * DT / 4000
+    steps = 160
+    means = mean_controls(plan, DT, steps, after)
+    fine = (np.arange(steps * 4000) + 0.5) * DT / 4000
     for row in range(3):
         interval = np.minimum((fine / plan.step[row]).astype(int), plan.knots - 1)
         held = np.concatenate([plan.controls[row, :, 0], after])[interval]
-        np.testing.assert_allclose(means[row, :, 0], held.reshape(ticks, -1).mean(axis=1), atol=5e-4)
+        np.testing.assert_allclose(means[row, :, 0], held.reshape(steps, -1).mean(axis=1), atol=5e-4)
     total = means.sum(axis=1)[:, 0] * DT
-    expected = plan.controls.sum(axis=1)[:, 0] * plan.step + after * (ticks * DT - plan.duration)
+    expected = plan.controls.sum(axis=1)[:, 0] * plan.step + after * (steps * DT - plan.duration)
     np.testing.assert_allclose(total, expected, rtol=1e-12)
 
 

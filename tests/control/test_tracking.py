@@ -15,11 +15,11 @@ from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR, rest_to_r
 
 
 def test_an_exact_plan_with_knots_at_control_steps_is_replayed_without_feedback():
-    """The double integrator with knots on ticks: the feed-forward alone is exact, so the feedback never acts."""
-    starts = np.array([2.0, -1.0, 0.5])
-    plan = Trajectory(*rest_to_rest(starts, 4.0, 21))
+    """Knots of the double integrator at control steps: the feed-forward is exact, so the feedback never acts."""
+    positions = np.array([2.0, -1.0, 0.5])
+    plan = Trajectory(*rest_to_rest(positions, 4.0, 21))
     policy = TrackingPolicy(DOUBLE_INTEGRATOR, lambda p: plan)
-    state = policy.start(np.stack([starts, 0 * starts], axis=1))
+    state = policy.start(np.stack([positions, 0 * positions], axis=1))
     states, controls = replay(DOUBLE_INTEGRATOR, policy, state, plan.states[:, 0], 250)
     np.testing.assert_allclose(states[:, :201:10], plan.states, atol=1e-11)
     np.testing.assert_allclose(controls[:, :200:10], plan.controls, atol=1e-10)
@@ -32,21 +32,21 @@ def test_a_plan_with_knots_between_control_steps_is_tracked():
     plan, contexts = random_plan(PENDULUM, 20, seed=2)
     policy = TrackingPolicy(PENDULUM, lambda p: plan)
     state = policy.follow(plan, contexts)
-    ticks = np.floor(plan.duration / DT).astype(int)
-    states, _ = replay(PENDULUM, policy, state, plan.states[:, 0], int(ticks.max()))
+    steps = np.floor(plan.duration / DT).astype(int)
+    states, _ = replay(PENDULUM, policy, state, plan.states[:, 0], int(steps.max()))
     rows = np.arange(20)
-    expected = Resampler(PENDULUM, DT)(plan, contexts).states[rows, ticks]
-    assert np.abs(states[rows, ticks] - expected).max() < 2e-3
+    expected = Resampler(PENDULUM, DT)(plan, contexts).states[rows, steps]
+    assert np.abs(states[rows, steps] - expected).max() < 2e-3
 
 
 def test_a_disturbed_initial_state_is_pulled_back_to_the_plan():
     plan, contexts = random_plan(PENDULUM, 20, seed=4)
     policy = TrackingPolicy(PENDULUM, lambda p: plan)
     start = plan.states[:, 0] + np.array([0.1, -0.1])
-    ticks = np.floor(plan.duration / DT).astype(int)
-    states, _ = replay(PENDULUM, policy, policy.follow(plan, contexts), start, int(ticks.max()))
+    steps = np.floor(plan.duration / DT).astype(int)
+    states, _ = replay(PENDULUM, policy, policy.follow(plan, contexts), start, int(steps.max()))
     rows = np.arange(20)
-    left = np.linalg.norm(states[rows, ticks] - Resampler(PENDULUM, DT)(plan, contexts).states[rows, ticks], axis=1)
+    left = np.linalg.norm(states[rows, steps] - Resampler(PENDULUM, DT)(plan, contexts).states[rows, steps], axis=1)
     flow, x = PENDULUM.batch_flow(20), start
     for i in range(PENDULUM.knots - 1):
         x, _ = flow(x, plan.controls[:, i], contexts, plan.step[:, None])

@@ -36,9 +36,9 @@ def test_a_decision_is_held_for_a_period_in_every_row_by_itself():
     policy, state = random_policy(), None
     decided = np.zeros((3, 1))
     ages = np.zeros(3, int)
-    for tick in range(23):
-        seen = observations(3, seed=tick)
-        start = np.array([tick == 0, tick in (0, 7), tick in (0, 12, 13)])
+    for k in range(23):
+        seen = observations(3, seed=k)
+        start = np.array([k == 0, k in (0, 7), k in (0, 12, 13)])
         ages[start] = 0
         controls, state = policy.predict(seen, state=state, episode_start=start)
         due = ages % 5 == 0
@@ -58,7 +58,7 @@ def test_one_observation_or_a_batch_of_one():
 
 
 def test_the_hold_reproduces_the_environment_the_learner_saw():
-    """Five held ticks of 0.02 s are one step of 0.1 s, so states and costs agree at the decisions."""
+    """Five held control steps of 0.02 s are one step of 0.1 s, so states and costs agree at the decisions."""
     policy = random_policy()
     fine, coarse = make_envs(PENDULUM, 5), make_envs(PENDULUM, 5, dt=0.1)
     p = np.array([[0.1, 0.0], [2.0, 1.0], [3.0, -1.0], [4.5, 2.0], [6.0, -2.0]])

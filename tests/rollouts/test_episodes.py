@@ -6,12 +6,12 @@ import numpy as np
 
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout
-from tests.closed_loop import STARTS, constant, vector
+from tests.closed_loop import PARAMETERS, constant, vector
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 
 def some_episodes(horizon, record=True):
-    return rollout(vector(DOUBLE_INTEGRATOR, 3), constant(0.5), STARTS, horizon=horizon, record=record)
+    return rollout(vector(DOUBLE_INTEGRATOR, 3), constant(0.5), PARAMETERS, horizon=horizon, record=record)
 
 
 def test_records_of_different_lengths_are_padded_with_nan():

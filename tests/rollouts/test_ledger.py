@@ -8,7 +8,7 @@ from moe_policy.rollouts.ledger import Violations
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.trajectory import Trajectory
-from tests.closed_loop import STARTS, constant, rest_planner, vector
+from tests.closed_loop import PARAMETERS, constant, rest_planner, vector
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
 
@@ -39,7 +39,7 @@ def test_leaving_the_box_is_charged_and_ends_the_episode():
     np.testing.assert_array_equal(episodes.left_box, [True, True])
     assert not episodes.success.any()
     assert (episodes.evaluation_time < 10).all()
-    # L ≤ 1.5: the ticks before at 1.5 (u = 1), the rest of 15 s at the largest rate, which is 1.5 as well.
+    # L ≤ 1.5: the steps before at 1.5 (u = 1), the rest of 15 s at the largest rate, which is 1.5 as well.
     np.testing.assert_allclose(episodes.cost, 15 * 1.5, rtol=1e-6)
     last = np.isfinite(episodes.states[0, :, 0]).sum() - 1
     np.testing.assert_allclose(last * 0.02, episodes.evaluation_time[0])
@@ -63,7 +63,7 @@ def test_failed_plans_hold_and_are_counted():
         duration[1] = 100.0
         return Trajectory(states, plan.controls, duration)
 
-    episodes = rollout(vector(DOUBLE_INTEGRATOR, 3), TrackingPolicy(DOUBLE_INTEGRATOR, planner), STARTS)
+    episodes = rollout(vector(DOUBLE_INTEGRATOR, 3), TrackingPolicy(DOUBLE_INTEGRATOR, planner), PARAMETERS)
     np.testing.assert_array_equal(episodes.rejected, [True, False, False])
     np.testing.assert_array_equal(episodes.clipped, [False, True, False])
     np.testing.assert_allclose(episodes.evaluation_time, [2.0, 14.0, 6.0])

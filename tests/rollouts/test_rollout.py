@@ -15,19 +15,19 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.trajectory import Trajectory
-from tests.closed_loop import STARTS, constant, rest_planner, vector
+from tests.closed_loop import PARAMETERS, constant, rest_planner, vector
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR, rest_to_rest
 
 
 def test_exact_plan_ends_at_the_goal_with_the_cost_of_the_closed_form():
     envs = vector(DOUBLE_INTEGRATOR, 3)
-    episodes = rollout(envs, TrackingPolicy(DOUBLE_INTEGRATOR, rest_planner), STARTS, record=True)
+    episodes = rollout(envs, TrackingPolicy(DOUBLE_INTEGRATOR, rest_planner), PARAMETERS, record=True)
     assert episodes.success.all()
     assert episodes.reached.all()
     np.testing.assert_allclose(episodes.plan_end_error, 0, atol=1e-6)
     np.testing.assert_allclose(episodes.evaluation_time, 6.0)
-    force = STARTS[:, 0] / 4
+    force = PARAMETERS[:, 0] / 4
     np.testing.assert_allclose(episodes.cost, episodes.entry_time * (1 + force**2 / 2), rtol=1e-5)
     # On the way in x = a/2 τ², v = −a τ with τ to go, so the ball is entered at τ² (τ²/4 + 1) a² = radius².
     a = np.abs(force)
@@ -39,14 +39,14 @@ def test_exact_plan_ends_at_the_goal_with_the_cost_of_the_closed_form():
 
 
 def test_an_exact_plan_replayed_open_loop_through_the_simulator_gives_its_states_and_cost():
-    plan = rest_planner(STARTS)
+    plan = rest_planner(PARAMETERS)
     simulator = Simulator(DOUBLE_INTEGRATOR, 0.2, DOUBLE_INTEGRATOR.substeps)
     x, cost = plan.states[:, 0], np.zeros(3)
     for i in range(20):
         step = simulator.advance(x, plan.controls[:, i], np.zeros((3, 0)))
         x, cost = step.states, cost + step.cost
         np.testing.assert_allclose(x, plan.states[:, i + 1], atol=1e-12)
-    np.testing.assert_allclose(cost, 4 * (1 + (STARTS[:, 0] / 4) ** 2 / 2), rtol=1e-12)
+    np.testing.assert_allclose(cost, 4 * (1 + (PARAMETERS[:, 0] / 4) ** 2 / 2), rtol=1e-12)
 
 
 def test_solved_plans_replay_through_the_simulator_and_track_to_the_goal():
@@ -72,8 +72,8 @@ def test_solved_plans_replay_through_the_simulator_and_track_to_the_goal():
 
 def test_batches_do_not_change_the_episodes():
     policy = TrackingPolicy(DOUBLE_INTEGRATOR, rest_planner)
-    one = rollout(vector(DOUBLE_INTEGRATOR, 3), policy, STARTS, record=True)
-    two = rollout(vector(DOUBLE_INTEGRATOR, 2), policy, STARTS, record=True)
+    one = rollout(vector(DOUBLE_INTEGRATOR, 3), policy, PARAMETERS, record=True)
+    two = rollout(vector(DOUBLE_INTEGRATOR, 2), policy, PARAMETERS, record=True)
     for name in Episodes.__dataclass_fields__:
         np.testing.assert_allclose(getattr(one, name), getattr(two, name), atol=1e-9, err_msg=name)
 
@@ -86,13 +86,13 @@ def test_rows_agree_with_single_environments_stepped_by_hand():
         env = Env(PENDULUM, terminate_at_goal=False)
         observation, _ = env.reset(options={"parameters": parameter})
         cost, entry = 0.0, 0 if PENDULUM.goal_error(env.state) < 0.1 else None
-        for tick in range(1000):
-            if entry is not None and tick == entry + 250:
+        for k in range(1000):
+            if entry is not None and k == entry + 250:
                 break
             observation, reward, _, _, info = env.step(policy.predict(observation)[0])
             if entry is None:
                 cost -= reward
-                entry = tick + 1 if info["is_success"] else None
+                entry = k + 1 if info["is_success"] else None
         assert episodes.reached[row] == (entry is not None)
         assert episodes.success[row] == (PENDULUM.goal_error(env.state) < 0.1)
         np.testing.assert_allclose(episodes.cost[row], cost, rtol=1e-6)
