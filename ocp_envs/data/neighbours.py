@@ -35,5 +35,5 @@ class Neighbours:
         return np.asarray(distance), np.asarray(rows, dtype=np.int64)
 
     def offsets(self, p: Array, rows: Ints) -> Array:
-        """From parameters (B, np) to the stored ones at ``rows`` (B, k), in box widths, (B, k, np)."""
+        """From parameters ``p`` (B, np) to the stored ones at ``rows`` (B, k), in box widths, (B, k, np)."""
         return np.asarray(self._tree.data[rows] - (p / self._width)[:, None])

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from ocp_envs.data.database import Database
+from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.support.arrays import Array, Bools, Ints
 
@@ -19,14 +19,14 @@ _MINIMUM_WEIGHT = 1e-3
 
 
 class _Family(NamedTuple):
-    """The solutions of one solution family: a tree of their scaled parameters, and their flat trajectories."""
+    """The solutions of one solution family: their parameters and their flat trajectories, (K, flat_size)."""
 
-    tree: cKDTree
+    parameters: Neighbours
     z: Floats
 
 
 class Library:
-    """The solutions of finished rounds, by nearest parameters in units of the box's widths.
+    """The solutions of finished rounds, by nearest parameters.
 
     Args:
         database: where they are.
@@ -34,9 +34,8 @@ class Library:
     """
 
     def __init__(self, database: Database, count: int) -> None:
-        self._width = database.problem.parameters.width
-        parameters = database.stored_parameters(slice(0, count)) / self._width
-        self._tree = cKDTree(parameters)
+        box, parameters = database.problem.parameters, database.stored_parameters(slice(0, count))
+        self._all = Neighbours(box, parameters)
         costs: list[Array] = []
         rows_of: list[list[Ints]] = [[] for _ in database.problem.modes.names]
         z_of: list[list[Floats]] = [[] for _ in database.problem.modes.names]
@@ -50,7 +49,7 @@ class Library:
         for mode, rows in enumerate(map(np.concatenate, rows_of)):
             z, z_of[mode] = np.concatenate(z_of[mode]), []  # the pieces go as soon as they are joined
             if len(rows):
-                self._families[mode] = _Family(cKDTree(parameters[rows]), z)
+                self._families[mode] = _Family(Neighbours(box, parameters[rows]), z)
 
     def warm_starts(self, parameters: Array, settings: GenerationSettings) -> tuple[Ints, Floats]:
         """The warm starts of B instances.
@@ -63,14 +62,13 @@ class Library:
             which instance each of W warm starts belongs to, (W,), ascending, and the warm starts in the flat layout,
             (W, flat_size).
         """
-        scaled = parameters / self._width
-        wanted = self._wanted(scaled, settings)
+        wanted = self._wanted(parameters, settings)
         owner, guess = [np.empty(0, np.int64)], []
         for mode, family in self._families.items():
             rows = np.flatnonzero(wanted[:, mode])
-            found = _fitted(family, scaled[rows], settings.fit)
+            found = _fitted(family, parameters[rows], settings.fit)
             if found is None:
-                found = _nearest(family, scaled[rows], settings.neighbours)
+                found = _nearest(family, parameters[rows], settings.neighbours)
             owner.append(np.repeat(rows, len(found) // max(len(rows), 1)))
             guess.append(found)
         if not guess:
@@ -79,29 +77,26 @@ class Library:
         order = np.argsort(every, kind="stable")
         return every[order], np.concatenate(guess)[order]
 
-    def _wanted(self, scaled: Array, settings: GenerationSettings) -> Bools:
+    def _wanted(self, parameters: Array, settings: GenerationSettings) -> Bools:
         """Which families have the lowest or nearly the lowest cost at a neighbour, (B, modes)."""
-        look = range(1, min(settings.lookaround, len(self._cost)) + 1)
-        cost = self._cost[self._tree.query(scaled, k=look)[1]]
+        cost = self._cost[self._all.nearest(parameters, settings.lookaround)[1]]
         with np.errstate(invalid="ignore"):
             best = cost.min(axis=2, keepdims=True)
             near = cost <= best + settings.margin * np.abs(best)
         return (near & np.isfinite(cost)).any(axis=1)
 
 
-def _nearest(family: _Family, scaled: Array, count: int) -> Floats:
+def _nearest(family: _Family, parameters: Array, count: int) -> Floats:
     """The trajectories of the ``count`` nearest solutions of each of B instances, (B · count, flat_size)."""
-    _, nearest = family.tree.query(scaled, k=range(1, min(count, len(family.z)) + 1))
-    return family.z[nearest.ravel()]
+    return family.z[family.parameters.nearest(parameters, count)[1].ravel()]
 
 
-def _fitted(family: _Family, scaled: Array, count: int) -> Floats | None:
+def _fitted(family: _Family, parameters: Array, count: int) -> Floats | None:
     """A fit through the ``count`` nearest solutions of each of B instances; ``None`` where these are too few."""
-    count = min(count, len(family.z))
-    if count <= scaled.shape[1]:
+    if min(count, len(family.z)) <= parameters.shape[1]:
         return None
-    distance, nearest = family.tree.query(scaled, k=range(1, count + 1))
-    return local_fit(family.tree.data[nearest] - scaled[:, None], distance, family.z[nearest])
+    distance, nearest = family.parameters.nearest(parameters, count)
+    return local_fit(family.parameters.offsets(parameters, nearest), distance, family.z[nearest])
 
 
 def local_fit(offsets: Array, distance: Array, values: Floats) -> Floats:

@@ -1,10 +1,10 @@
 """Accuracy of plans against the true differential equation ẋ = f(x, u, c).
 
-The transcription replaces f by Runge-Kutta steps, so a plan is off the true equation a little. Here SciPy's DOP853
-(Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I*, II.5) integrates f with the plan's controls held
-over each interval: *per interval*, from each knot to the next, and *open loop*, from x_0 to t_f. Rows are integrated
-together in τ = t/h ∈ [0, 1], dx/dτ = h f. DOP853 bounds the root mean square over all of them: with tolerances divided
-by √rows, each row alone is within the tolerances named.
+The transcription replaces f by Runge-Kutta steps, so a plan deviates slightly from the true equation. Here SciPy's
+DOP853 (Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I*, II.5) integrates f with the plan's
+controls constant over each interval: *per interval*, from each knot to the next, and *open loop*, from x_0 to t_f. Rows
+are integrated together in τ = t/h ∈ [0, 1], dx/dτ = h f. DOP853 bounds the root mean square over all rows; tolerances
+divided by √rows keep each row within :data:`RTOL` and :data:`ATOL`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ RTOL, ATOL = 1e-10, 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """How far plans are off the true equation; NaN where it cannot be integrated.
+    """Errors of plans against the true equation; NaN where it cannot be integrated.
 
     Args:
         problem: the problem.
@@ -43,7 +43,12 @@ class Accuracy:
     goal: Array
 
     def errors(self, kind: str, scaled: bool) -> Array:
-        """Norms of ``interval`` or ``open_loop`` where finite, in state units or over the coordinates' scales."""
+        """Norms of the errors that are finite.
+
+        Args:
+            kind: ``"interval"`` or ``"open_loop"``.
+            scaled: of the errors divided by the scales of their coordinates; otherwise in state units.
+        """
         error = getattr(self, kind) / (self.problem.system.state.scale if scaled else 1.0)
         norm = np.linalg.norm(error, axis=-1).ravel()
         return np.asarray(norm[np.isfinite(norm)])
@@ -62,10 +67,14 @@ class Accuracy:
 
 
 def integrate(rate: BatchFunction, x: Array, u: Array, s: Array, h: Array) -> Array:
-    """True states (R, nx) after ``h`` (R,) seconds from ``x`` (R, nx) under constant ``u`` (R, nu) in contexts ``s``.
+    """True final states (R, nx); NaN in a row that cannot be integrated, for instance as it escapes to infinity.
 
-    ``rate`` is the problem's :meth:`~ocp_envs.problem.OptimalControlProblem.batch_rate`. A row that cannot be
-    integrated, for a state that escapes to infinity for instance, is NaN and leaves the others alone.
+    Args:
+        rate: the problem's :meth:`~ocp_envs.problem.OptimalControlProblem.batch_rate`.
+        x: initial states, (R, nx).
+        u: constant controls, (R, nu).
+        s: contexts, (R, nc).
+        h: durations in seconds, (R,).
     """
     rows, shape = len(x), x.shape
     finite = np.isfinite(x).all(axis=1)
@@ -90,7 +99,7 @@ def integrate(rate: BatchFunction, x: Array, u: Array, s: Array, h: Array) -> Ar
 
 
 def accuracy(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory) -> Accuracy:
-    """How far plans are off the true equation.
+    """Errors of plans against the true equation.
 
     Args:
         problem: the problem.
@@ -99,7 +108,7 @@ def accuracy(problem: OptimalControlProblem, parameters: Array, trajectory: Traj
     """
     size, intervals, nu = trajectory.controls.shape
     nx, rate = problem.system.nx, problem.batch_rate()
-    starts, contexts = problem.start(parameters)
+    initial, contexts = problem.start(parameters)
     ends = integrate(
         rate,
         trajectory.states[:, :-1].reshape(-1, nx),
@@ -107,7 +116,7 @@ def accuracy(problem: OptimalControlProblem, parameters: Array, trajectory: Traj
         np.repeat(contexts, intervals, axis=0),
         np.repeat(trajectory.step, intervals),
     )
-    x = starts
+    x = initial
     for k in range(intervals):
         x = integrate(rate, x, trajectory.controls[:, k], contexts, trajectory.step)
     interval = ends.reshape(size, intervals, nx) - trajectory.states[:, 1:]
@@ -115,7 +124,7 @@ def accuracy(problem: OptimalControlProblem, parameters: Array, trajectory: Traj
 
 
 def _spread(errors: Array) -> Mapping[str, float] | None:
-    """Median, 95 % and largest; ``None`` of nothing."""
+    """Median, 95th percentile and maximum; ``None`` without any."""
     if not len(errors):
         return None
     median, high, largest = np.quantile(errors, [0.5, 0.95, 1.0]).tolist()

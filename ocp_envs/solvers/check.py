@@ -1,4 +1,4 @@
-"""The independent check of a solution: NumPy and ``problem.flow``, nothing of the solver or its program."""
+"""The independent check of a solution, which uses ``problem.flow`` but neither the solver nor its program."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 DEFECT_TOLERANCE = 1e-6
-#: The transcription's box around the goal (1e-5) and the solver's own tolerance.
+#: Sum of the transcription's box around the goal (1e-5) and the solver's tolerance.
 GOAL_TOLERANCE = 2e-5
 BOUND_TOLERANCE = 1e-6
 COST_TOLERANCE = 1e-6
@@ -20,15 +20,15 @@ COST_TOLERANCE = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What the check of B trajectories found, every array (B,); NaN where a trajectory is not finite.
+    """Results of the check of B trajectories, each (B,); NaN where a trajectory is not finite.
 
     Args:
-        defect: largest error of the start and of x_{k+1} − F(x_k, u_k), in scaled units.
-        goal: largest distance of a final coordinate from the goal (modulo whole turns), in scaled units.
-        bounds: largest excess over a bound of state, control or duration, in scaled units.
-        path: largest violation of the path constraint at the knots, in its own unit.
-        cost: cost recomputed.
-        passed: all within tolerance.
+        defect: maximum error of the initial state and of x_{k+1} − F(x_k, u_k), in scaled units.
+        goal: maximum distance of a final coordinate from the goal (modulo whole turns), in scaled units.
+        bounds: maximum excess over a bound of state, control or duration, in scaled units.
+        path: maximum violation of the path constraint at the knots, in its own unit.
+        cost: the recomputed cost.
+        passed: whether all are within tolerance.
     """
 
     defect: Array
@@ -45,12 +45,13 @@ def verify(
     """Check trajectories against the problem they claim to solve.
 
     Args:
+        problem: the problem.
         parameters: (B, np).
         trajectory: B trajectories.
         cost: claimed costs (B,), compared with the recomputed ones where given.
     """
     size, knots, nx = trajectory.states.shape
-    starts, contexts = problem.start(parameters)
+    initial, contexts = problem.start(parameters)
     system, state_scale = problem.system, problem.system.state.scale
     context = np.repeat(contexts, knots - 1, axis=0)
     following, costs = problem.batch_flow(problem.substeps)(
@@ -59,10 +60,10 @@ def verify(
         context,
         np.repeat(trajectory.step, knots - 1)[:, None],
     )
-    gaps = (trajectory.states[:, 1:] - following.reshape(size, knots - 1, nx)) / state_scale
+    defects = (trajectory.states[:, 1:] - following.reshape(size, knots - 1, nx)) / state_scale
     total = costs.reshape(size, knots - 1).sum(axis=1)
-    start_error = (trajectory.states[:, 0] - starts) / state_scale
-    defect = np.maximum(np.abs(gaps).max(axis=(1, 2)), np.abs(start_error).max(axis=1))
+    start_error = (trajectory.states[:, 0] - initial) / state_scale
+    defect = np.maximum(np.abs(defects).max(axis=(1, 2)), np.abs(start_error).max(axis=1))
     goal = np.abs(system.difference(trajectory.states[:, -1], problem.goal.state) / state_scale).max(axis=1)
     bounds = _excess(problem, trajectory)
     path = path_violation(problem, trajectory, contexts)
@@ -83,7 +84,7 @@ def _excess(problem: OptimalControlProblem, trajectory: Trajectory) -> Array:
 
 
 def path_violation(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
-    """The worst violation of the path constraints at the knots, (B,), in the clearances' unit; 0 without constraints.
+    """Maximum violation of the path constraints at the knots, (B,), in the clearances' unit; 0 without constraints.
 
     Args:
         problem: the problem.

@@ -1,10 +1,10 @@
 """Compiled solver functions, kept in a folder private to the user.
 
-CasADi writes the functions of a nonlinear program (objective, constraints and their derivatives) as C; compiled they
-are three to five times as fast as interpreted. A library is named after what it was made from: the serialised program,
-the solver that asks for it, the versions of CasADi and of the compiler, the flags and the CPU. It is built under a
-lock in a temporary folder and moved into place in one step, so processes may ask at once and a kill leaves nothing half
-done.
+CasADi writes the functions of a nonlinear program (objective, constraints and their derivatives) as C; compiled
+functions are three to five times as fast as interpreted ones. The name of a library is a hash of what it was made from:
+the serialised program, the solver that uses it, the versions of CasADi and of the compiler, the flags and the CPU. It
+is built under a lock in a temporary folder and moved into place in one step, so that several processes may need it at
+once and a killed process leaves no incomplete library.
 
 Environment variables: ``OCP_ENVS_CACHE`` is the folder (default: the user's cache folder), ``CC`` the compiler.
 """
@@ -58,7 +58,7 @@ def cache_folder() -> Path:
     if hasattr(os, "getuid"):
         status = folder.stat()
         if status.st_uid != os.getuid():
-            raise OSError(f"{folder} belongs to another user; set OCP_ENVS_CACHE to a folder of your own")
+            raise OSError(f"{folder} belongs to another user; set OCP_ENVS_CACHE to another folder")
         if status.st_mode & 0o077:
             folder.chmod(0o700)
     return folder
@@ -76,12 +76,15 @@ def _compiler_version(compiler: str) -> str:
 
 
 def build_solver(plugin: str, nlp: ca.Function, options: dict[str, Any]) -> ca.Function:
-    """``casadi.nlpsol`` with compiled functions where that is possible, else, with one warning, interpreted ones.
+    """``casadi.nlpsol`` with compiled functions; with interpreted ones and one warning where that is impossible.
 
     Args:
         plugin: "fatrop" or "ipopt".
         nlp: (x, p) → (f, g).
         options: options of ``nlpsol``.
+
+    Raises:
+        RuntimeError: CasADi refuses the program or the options.
     """
     compiler = find_compiler()
     if compiler is None:
@@ -99,7 +102,7 @@ def build_solver(plugin: str, nlp: ca.Function, options: dict[str, Any]) -> ca.F
     except RuntimeError as error:
         if library is None:
             raise
-        library.unlink(missing_ok=True)  # the next process builds it anew
+        library.unlink(missing_ok=True)  # the next process builds it again
         _warn_once(f"{library} does not load and was removed ({str(error).splitlines()[-1]})")
     return ca.nlpsol("solver", plugin, nlp, options)
 

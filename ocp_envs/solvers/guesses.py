@@ -22,10 +22,10 @@ _PIECES = 4
 
 
 def random_kind(problem: OptimalControlProblem) -> GuessKind:
-    """The kind of random guesses for a problem of which nothing else is known.
+    """The kind of random guesses for a ``problem`` of which nothing else is known.
 
-    Random motions find the families that differ in the winding of the goal. Where the goal is one state they only
-    disturb: fatrop hangs on many of them for the quadcopter.
+    Random motions find solution families that differ in the winding of the goal. Where the goal is a single state they
+    do not help, and for the quadcopter fatrop hangs on many of them.
     """
     return "drift" if len(problem.targets) > 1 else "bend"
 
@@ -37,9 +37,10 @@ def guesses(
     rng: np.random.Generator,
     kind: GuessKind = "drift",
 ) -> Trajectory:
-    """One guess for each of B problems.
+    """One guess for each of B instances.
 
     Args:
+        problem: the problem.
         parameters: (B, np).
         windings: (B,) indices into ``problem.targets``.
         rng: source of the random controls (piecewise constant) and of t_f (uniform in the third quarter of its range).

@@ -1,14 +1,15 @@
 """One nonlinear program, solved many times: the part of the solver that runs in a child process.
 
-fatrop (Vanroye et al., *FATROP: a fast constrained optimal control problem solver for robot trajectory optimization and
-control*, IROS 2023) goes first, with compiled functions. It has no restoration phase: where its line search gets stuck,
-mostly with the duration at its lower bound, a second attempt goes on from there with a longer duration. *Measured* on
-600 random pendulum problems that recovers twice as many as IPOPT with its restoration does, in a tenth of the time.
+The primary solver is fatrop (Vanroye et al., *FATROP: a fast constrained optimal control problem solver for robot
+trajectory optimization and control*, IROS 2023), with compiled functions. It has no restoration phase: where its line
+search gets stuck, usually with the duration at its lower bound, a second attempt continues from there with a longer
+duration. *Measured* on 600 random pendulum instances, this recovers twice as many as IPOPT with its restoration, in a
+tenth of the time.
 
-IPOPT (Wächter & Biegler, *On the implementation of an interior-point filter line-search algorithm for large-scale
-nonlinear programming*, 2006) gets what the primary solver breaks down on: an exception, a number that is not finite, a
-hang or a crash (see :mod:`ocp_envs.solvers.guard`); and, where the caller wants that, what it did not converge on.
-Which way a solve ends is decided by iteration limits, never by time.
+The fallback is IPOPT (Wächter & Biegler, *On the implementation of an interior-point filter line-search algorithm for
+large-scale nonlinear programming*, 2006). It solves what the primary solver breaks down on: an exception, a number that
+is not finite, a hang or a crash (see :mod:`ocp_envs.solvers.guard`); and, if the caller asks for it, what the primary
+solver did not converge on. Iteration limits decide how a solve ends, never time.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ from ocp_envs.support.arrays import Array
 class Status(enum.IntEnum):
     """How a solve ended; stored in databases as int8."""
 
-    EMPTY = 0  #: never tried, or no such mode
+    EMPTY = 0  #: not tried, or no such solution family
     SOLVED = 1
     NOT_CONVERGED = 2  #: the tolerance was not reached within the iterations
     TIMED_OUT = 3  #: both solvers had to be killed, the last one for taking too long
     CRASHED = 4  #: the process of the last solver died
-    CHECK_FAILED = 5  #: the solver claims success, the independent check says no
+    CHECK_FAILED = 5  #: the solver reports success, but the independent check fails
 
 
 @dataclass(frozen=True)
@@ -65,17 +66,23 @@ class SolverSettings:
 
     @property
     def fallback(self) -> str:
-        """The solver that gets what the primary one fails at."""
+        """The solver that is not the primary one."""
         return "ipopt" if self.primary == "fatrop" else "fatrop"
 
 
-#: Duration of the second attempt, as a share of the longest one.
+#: Duration of the second attempt, as a fraction of the longest one.
 _SECOND_DURATION = 0.75
 
 
 class Task(NamedTuple):
-    """One solve in scaled variables: guess w (nw,), parameter [x_0; s], index of the target, and whether the fallback
-    goes on where the primary solver did not converge (where it broke down it does in any case).
+    """One solve in scaled variables.
+
+    Args:
+        guess: w, (nw,).
+        parameter: [x_0; s], (nx + nc,).
+        target: index of the goal state.
+        retry_with_fallback: whether the fallback solver continues where the primary solver did not converge; where it
+            broke down the fallback is used in any case.
     """
 
     guess: Array
@@ -85,7 +92,17 @@ class Task(NamedTuple):
 
 
 class Result(NamedTuple):
-    """How one solve ended; scaled variables (nw,) and multipliers (N − 1, nh) mean nothing unless SOLVED."""
+    """How one solve ended.
+
+    Args:
+        status: SOLVED or how it failed.
+        w: scaled variables, (nw,); meaningless unless SOLVED.
+        cost: J; meaningless unless SOLVED.
+        multipliers: of the clearances at the knots k ≥ 1, (N − 1, nh); meaningless unless SOLVED.
+        iterations: of both solvers together.
+        fallback: whether the fallback solver was used.
+        seconds: time of the solve.
+    """
 
     status: Status
     w: Array
@@ -105,7 +122,7 @@ class Outcome(enum.Enum):
 
 
 class NlpSolver:
-    """Both solvers of one program. Not to be shared between threads.
+    """The primary and the fallback solver of one program; not to be shared between threads.
 
     Args:
         transcription: the program.
@@ -123,7 +140,12 @@ class NlpSolver:
         self.fallback = Backend(transcription, ca.nlpsol("fallback", s.fallback, nlp, options))
 
     def solve(self, task: Task, skip_primary: bool = False) -> Result:
-        """Solve with the primary solver, in two attempts, and with the fallback where that fails or is skipped."""
+        """Solve with the primary solver, in two attempts, then where necessary with the fallback.
+
+        Args:
+            task: what to solve.
+            skip_primary: use the fallback at once.
+        """
         began = time.perf_counter()
         bounds = self._bounds[task.target]
         backend, outcome, iterations = self.primary, Outcome.BROKE_DOWN, 0
@@ -161,7 +183,12 @@ def _options(transcription: Transcription, plugin: str, tolerance: float, max_it
 
 
 class Backend:
-    """One solver, called through fixed memory: a call costs microseconds, not a conversion of every argument."""
+    """One solver, called through fixed memory, which saves the conversion of every argument.
+
+    Args:
+        transcription: the program.
+        solver: CasADi's solver of it.
+    """
 
     def __init__(self, transcription: Transcription, solver: ca.Function) -> None:
         self._buffer, self._call = solver.buffer()
@@ -177,7 +204,16 @@ class Backend:
         self.w, self.cost, self.lam_g = outputs["x"], outputs["f"], outputs["lam_g"]
 
     def run(self, task: Task, lower: Array, upper: Array) -> tuple[Outcome, int]:
-        """Solve into ``w``, ``cost`` and ``lam_g``; returns how it ended, and the iterations."""
+        """Solve into ``w``, ``cost`` and ``lam_g``.
+
+        Args:
+            task: what to solve.
+            lower: bounds of w, (nw,).
+            upper: bounds of w, (nw,).
+
+        Returns:
+            how it ended, and the number of iterations.
+        """
         arguments = self._inputs
         arguments["x0"][:], arguments["p"][:] = task.guess, task.parameter
         arguments["lbx"][:], arguments["ubx"][:] = lower, upper

@@ -1,20 +1,20 @@
 """Direct transcription of an optimal control problem into a scaled nonlinear program.
 
-With N knots, intervals of equal length h = t_f/(N−1) and controls held within an interval, the program is
+With N knots, intervals of equal length h = t_f/(N−1) and controls constant within an interval, the program is
 
     minimise    Σ_k cost(x_k, u_k, s, h_k)
     subject to  x_{k+1} − F(x_k, u_k, s, h_k) = 0,   h_{k+1} − h_k = 0,   clearances(x_k, s) ≥ 0   (k ≥ 1),
 
 where F and cost are ``problem.flow`` (Betts, *Practical Methods for Optimal Control and Estimation*, ch. 4), x_0 and
-the context s are parameters, and x_{N−1} lies within ±``GOAL_TOLERANCE`` (in scaled units) of the target. The step h is
-carried along as one more state, so that the program keeps the stagewise structure that fatrop exploits:
+the context s are parameters, and x_{N−1} is within ±``GOAL_TOLERANCE`` (in scaled units) of the target. The step h is
+one more state, so that the program has the stagewise structure that fatrop exploits:
 
     w = [h_0, u_0 | x_1, h_1, u_1 | … | x_{N−1}, h_{N−1}]
-    g = [gap_0 | gap_1, clearances_1 | … | clearances_{N−1}]
+    g = [defect_0 | defect_1, clearances_1 | … | clearances_{N−1}]
 
-Everything is scaled to order one: states by their scale, controls as the deviation from the control that holds the
-goal, by theirs, and h by half its upper bound. The target enters through the bounds of the last knot; fatrop
-stagnates on equalities there, hence the small box.
+All variables are scaled to order one: states by their scale, controls as the deviation from the control that keeps the
+system at the goal, by their scale, and h by half its upper bound. The target enters through the bounds of the last
+knot. They form a small box because fatrop stagnates on equalities there.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from ocp_envs.trajectory import Trajectory
 
 #: Half width of the box around the target, in scaled units.
 GOAL_TOLERANCE = 1e-5
-#: Programs of up to this many scalar operations are written out, longer ones call one function per interval:
-#: written out a small program is evaluated faster, but a long one takes minutes to compile.
-_WRITTEN_OUT = 10_000
+#: Programs of up to this many scalar operations are expanded; longer ones call one function per interval. A small
+#: program is evaluated faster when expanded, but a long one takes minutes to compile.
+_EXPANDED = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Transcription:
 
     @cached_property
     def structure(self) -> dict[str, Any]:
-        """The stagewise structure, as fatrop wants it told."""
+        """The stagewise structure in fatrop's options."""
         m = self.intervals
         return {
             "structure_detection": "manual",
@@ -93,10 +93,10 @@ class Transcription:
 
     @cached_property
     def clearance_rows(self) -> NDArray[np.int64]:
-        """Where the clearances at the knots k ≥ 1 stand in g, (N − 1, nh)."""
-        gap, count = self.nx + 1, self.n_clearances
-        first = 2 * gap + (gap + count) * np.arange(self.intervals)
-        first[-1] -= gap  # there is no gap at the last knot
+        """Indices in g of the clearances at the knots k ≥ 1, (N − 1, nh)."""
+        defect, count = self.nx + 1, self.n_clearances
+        first = 2 * defect + (defect + count) * np.arange(self.intervals)
+        first[-1] -= defect  # there is no defect at the last knot
         return first[:, None] + np.arange(count)
 
     @cached_property
@@ -116,28 +116,28 @@ class Transcription:
         return lower, upper
 
     def pack(self, trajectory: Trajectory) -> Array:
-        """Scaled variables (B, nw) of trajectories; the first state is not among them."""
+        """Scaled variables (B, nw) of the B trajectories of ``trajectory``; the first state is not among them."""
         table = np.zeros((len(trajectory), self.knots, self.nx + 1 + self.nu))
         table[:, :, : self.nx] = trajectory.states / self.state_scale
         table[:, :, self.nx] = (trajectory.step / self.step_scale)[:, None]
         table[:, :-1, self.nx + 1 :] = (trajectory.controls - self.control_centre) / self.control_scale
         return table[:, self._present]
 
-    def unpack(self, w: Array, starts: Array) -> Trajectory:
-        """Trajectories of scaled variables (B, nw) and start states (B, nx)."""
+    def unpack(self, w: Array, initial: Array) -> Trajectory:
+        """Trajectories of scaled variables ``w`` (B, nw) and initial states ``initial`` (B, nx)."""
         table = np.zeros((len(w), self.knots, self.nx + 1 + self.nu))
         table[:, self._present] = w
         states = table[:, :, : self.nx] * self.state_scale
-        states[:, 0] = starts
+        states[:, 0] = initial
         controls = table[:, :-1, self.nx + 1 :] * self.control_scale + self.control_centre
         return Trajectory(states, controls, table[:, 0, self.nx] * self.step_scale * self.intervals)
 
-    def with_duration(self, w: Array, share: float) -> Array:
-        """Variables ``w`` (nw,) with the duration at ``share`` of its upper bound."""
-        return np.where(self._is_step, share * self.upper, w)
+    def with_duration(self, w: Array, fraction: float) -> Array:
+        """Variables ``w`` (nw,) with the duration at ``fraction`` of its upper bound."""
+        return np.where(self._is_step, fraction * self.upper, w)
 
     def clearance_multipliers(self, lam_g: Array) -> Array:
-        """Multipliers of the clearances at the knots k ≥ 1, (N − 1, nh), ≥ 0 where the constraint holds the plan back.
+        """Multipliers of the clearances at the knots k ≥ 1, (N − 1, nh), positive where the constraint is active.
 
         Args:
             lam_g: CasADi's multipliers of g, (ng,), negative at lower bounds. Clearances and cost are not scaled, so
@@ -206,8 +206,8 @@ def _program(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
     ends = ca.horzcat(*[stage[: nx + 1] for stage in stages[1:]])
     contexts = ca.repmat(context, 1, m)
     following, costs = _interval(problem, step_scale).map(m)(ca.horzcat(*stages[:-1]), contexts)
-    gaps, kept_off = ends - following, clearances.map(m)(ends[:nx, :], contexts)
-    rows = ca.vertcat(gaps[:, 0], ca.vec(ca.vertcat(gaps[:, 1:], kept_off[:, :-1])), kept_off[:, -1])
+    defects, free = ends - following, clearances.map(m)(ends[:nx, :], contexts)
+    rows = ca.vertcat(defects[:, 0], ca.vec(ca.vertcat(defects[:, 1:], free[:, :-1])), free[:, -1])
     nlp = ca.Function("nlp", [w, parameter], [ca.sum2(costs), rows], ["x", "p"], ["f", "g"])
-    written_out = nlp.expand()
-    return written_out if written_out.n_nodes() <= _WRITTEN_OUT else nlp
+    expanded = nlp.expand()
+    return expanded if expanded.n_nodes() <= _EXPANDED else nlp

@@ -19,7 +19,13 @@ _KEPT_SIZES = 8
 
 
 def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    """A function whose outputs are dense, as :class:`BatchFunction` needs (structural zeros have no memory)."""
+    """A function whose outputs are dense, as :class:`BatchFunction` needs (structural zeros have no memory).
+
+    Args:
+        name: of the function.
+        inputs: symbols.
+        outputs: expressions of them.
+    """
     return ca.Function(name, inputs, [ca.densify(output) for output in outputs])
 
 

@@ -1,4 +1,4 @@
-"""Files that are complete or not there."""
+"""Files that are either complete or absent."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import BinaryIO
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A binary file that takes the place of ``path`` at the end of the block, in one step; its folder is made.
+    """A binary file that replaces ``path`` at the end of the block, in one step; its folder is created.
 
-    A reader sees the old file or the new one, never half of one. Where the block fails, the old file stays.
+    A reader sees the old file or the new one, never a part of one. If the block fails, the old file stays.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -1,10 +1,10 @@
-"""Worker processes any of which may be killed at any moment: a pool that loses a task then, and never hangs.
+"""A pool of worker processes, any of which may be killed at any moment: the pool then loses one task and never hangs.
 
-``concurrent.futures.ProcessPoolExecutor`` has one pipe for the results of all workers. A worker that is killed in the
-middle of sending leaves half a result and a locked pipe behind, and the pool waits for the rest for ever; one killed at
-any other moment takes the whole pool and all tasks in flight with it. Here every worker has a pipe of its own whose
-other end lives in that worker alone, so its death ends what is being read, costs its own task, and is mended by another
-worker. A thread of this process speaks for each worker.
+``concurrent.futures.ProcessPoolExecutor`` has one pipe for the results of all workers. A worker killed while it sends
+leaves an incomplete result and a locked pipe, and the pool waits for ever; a worker killed at any other moment breaks
+the whole pool and loses all tasks in flight. Here every worker has its own pipe, whose other end exists in that worker
+alone. Its death therefore ends the pipe, costs only its own task, and another worker replaces it. One thread of this
+process communicates with each worker.
 """
 
 from __future__ import annotations
@@ -17,24 +17,30 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing import connection, get_context, parent_process
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 #: Spawned, not forked: a fork copies threads' locks and the parent's solver child.
 _SPAWN = get_context("spawn")
-#: Seconds that a process whose pipe ended may take to end too.
+#: Time that a process may take to end after its pipe ended, in seconds.
 _GRACE = 5.0
 #: Processes are started one at a time.
 _STARTING = threading.Lock()
 
 
 class WorkerLostError(RuntimeError):
-    """The process that was to do a task ended before it had."""
+    """The process that ran a task ended before the task."""
 
 
 class WorkerPool(Executor):
-    """An executor with ``workers`` processes (one per core by default), started with their first task.
+    """An executor whose processes start with their first task.
 
-    A task whose worker dies ends in :class:`WorkerLostError`; the other tasks go on, and later ones get a new worker.
+    A task whose worker dies ends in :class:`WorkerLostError`; the others continue, and later ones get a new worker.
+
+    Args:
+        workers: number of processes; by default one per core.
     """
 
     def __init__(self, workers: int | None = None) -> None:
@@ -43,10 +49,10 @@ class WorkerPool(Executor):
         self._workers: list[_Worker] = []
         self._closed = False
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        return self._threads.submit(self._call, fn, args, kwargs)
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        return self._threads.submit(self._call, (fn, args, kwargs))
 
-    def _call(self, *message: Any) -> Any:
+    def _call(self, message: tuple[object, ...]) -> Any:
         worker: _Worker | None = getattr(self._own, "worker", None)
         if worker is None:
             worker = self._own.worker = _Worker()
@@ -61,7 +67,12 @@ class WorkerPool(Executor):
             raise
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the processes: after their tasks, or at once and without them where ``wait`` is false."""
+        """End the processes.
+
+        Args:
+            wait: after their tasks; otherwise kill them now, and cancel their tasks.
+            cancel_futures: drop the tasks that have not begun.
+        """
         if not wait:
             self._kill()
         self._threads.shutdown(wait=True, cancel_futures=cancel_futures or not wait)
@@ -85,7 +96,7 @@ class _Worker:
             self._process.start()
         theirs.close()  # now the death of the process ends the pipe
 
-    def call(self, message: tuple[Any, ...]) -> Any:
+    def call(self, message: tuple[object, ...]) -> Any:
         try:
             self._connection.send(message)
             good, value = self._connection.recv()
@@ -103,7 +114,7 @@ class _Worker:
         raise value
 
     def kill(self) -> None:
-        """The thread that waits for an answer learns of it through the pipe."""
+        """End the process; the thread that waits for an answer notices it at the pipe."""
         self._process.kill()
 
     def join(self) -> None:
@@ -111,8 +122,8 @@ class _Worker:
 
 
 def _serve(pipe: connection.Connection) -> None:
-    """The worker: does what comes in, until the pipe or its parent ends."""
-    # The parent alone decides what an interrupt at the terminal means: no half-solved chunk may come from one.
+    """Run the tasks that arrive, until the pipe or the parent ends; what the worker runs."""
+    # Only the parent reacts to an interrupt at the terminal: no task may be broken off.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()
     assert parent is not None
@@ -132,11 +143,11 @@ def _serve(pipe: connection.Connection) -> None:
             pipe.send(answer)
         except OSError:
             return
-        except Exception as error:  # what cannot be pickled
+        except Exception as error:  # the answer cannot be pickled
             pipe.send((False, TypeError(f"{answer[1]!r} cannot leave its worker process: {error}")))
 
 
 def _exit_after(sentinel: int) -> None:
-    """End this process with the one of ``sentinel``, also in the middle of a task."""
+    """End this process when the one of ``sentinel`` ends, also during a task."""
     connection.wait([sentinel])
     os._exit(1)

@@ -1,7 +1,7 @@
-"""Large arrays in files that vanish with the last reference to them.
+"""Large arrays in files that are deleted with the last reference to them.
 
-What is read at random by a training need not fit in memory: the operating system keeps the pages that are in use and
-writes the others back. Small arrays stay in memory.
+Training data, which are read at random, need not fit in memory: the operating system keeps the pages in use and writes
+the others back. Small arrays stay in memory.
 """
 
 from __future__ import annotations
@@ -13,15 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-#: Arrays of more bytes lie in a file; its folder is that of :mod:`tempfile`, so ``TMPDIR`` chooses the disk.
+#: Larger arrays, in bytes, are in a file. Its folder is that of :mod:`tempfile`, so ``TMPDIR`` chooses the disk.
 LARGE = 256 * 2**20
 
 
 def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float64, large: int | None = None) -> NDArray[Any]:
-    """An array whose values are still undefined, in a file where it takes more than ``large`` (:data:`LARGE`) bytes.
+    """An array with undefined values.
+
+    Args:
+        shape: of the array.
+        dtype: of its values.
+        large: number of bytes above which it is in a file; by default :data:`LARGE`.
 
     Raises:
-        OSError: no room on the disk.
+        OSError: not enough space on the disk.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if size <= (LARGE if large is None else large):

@@ -1,4 +1,4 @@
-"""What somebody who mistyped a name may have meant."""
+"""Suggestions for mistyped names."""
 
 from __future__ import annotations
 
@@ -10,6 +10,11 @@ CUTOFF = 0.3
 
 
 def did_you_mean(name: object, names: Iterable[str]) -> str:
-    """For an error message: a question with the nearest of ``names`` and a space at its end, or nothing."""
+    """A question for an error message, such as ``"did you mean 'snn'? "``; empty where no name is similar.
+
+    Args:
+        name: that was given.
+        names: that exist.
+    """
     nearest = difflib.get_close_matches(str(name), list(names), n=1, cutoff=CUTOFF)
     return f"did you mean {nearest[0]!r}? " if nearest else ""
