@@ -17,6 +17,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
+from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Plant
 from ocp_envs.envs.resets import Reset
@@ -88,7 +89,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
     * v0: initial version.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # noqa: RUF012 (Gymnasium's type)
+    metadata: Info = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # noqa: RUF012 (Gymnasium's type)
 
     def __init__(
         self,
@@ -161,9 +162,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         self._observed[: state.shape[1]] = measured
         return self._observed.copy()
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[NDArray[np.float32], Info]:
         """Begin an episode.
 
         Args:
@@ -187,7 +186,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         self._pictures.update()
         return self._observation(), {"parameters": self.parameters}
 
-    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+    def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
         """Advance the episode by one control step.
 
         Args:
@@ -211,7 +210,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
             raise ValueError(f"{self.problem.id}: expected an action {step.control.shape[1:]}, got {control.shape}")
         self._plant.advance(control, _ROW, self._normal)
         cost, reached, left_box = step.cost.item(), step.reached.item() > 0, step.left_box.item() > 0
-        info: dict[str, Any] = {"is_success": reached}
+        info: Info = {"is_success": reached}
         if left_box:
             cost = options.charge(self._steps)
             info["failure"] = "left_box"

@@ -14,6 +14,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError, load
@@ -124,7 +125,7 @@ class Options:
         return _plant(self.problem, tuple(sorted(self.constants.items())), self.dt)
 
     @property
-    def metadata(self) -> dict[str, Any]:
+    def metadata(self) -> Info:
         """Gymnasium's metadata, with one frame for each control step."""
         return {"render_modes": list(RENDER_MODES), "render_fps": max(1, round(1 / self.dt))}
 

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from ocp_envs.support.arrays import Array, Bools
 
+#: Gymnasium's type of ``info`` and of the options of a reset.
+Info = dict[str, Any]
+
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
@@ -27,14 +30,14 @@ class Outcome:
     violation: Array | None
     left_box: Bools
 
-    def info(self, rows: Bools) -> dict[str, Any]:
+    def info(self, rows: Bools) -> Info:
         """``info`` of the ``rows`` (n,) in Gymnasium's vector convention: arrays, and masks under ``_key``."""
         if not rows.any():
             return {}
         values: dict[str, NDArray[Any]] = {"is_success": self.reached, "cost": self.cost}
         if self.violation is not None:
             values["violation"] = self.violation
-        info: dict[str, Any] = {}
+        info: Info = {}
         for key, value in values.items():
             info[key] = np.where(rows, value, np.zeros((), dtype=value.dtype))
             info[f"_{key}"] = rows.copy()
@@ -45,7 +48,7 @@ class Outcome:
             info["_failure"] = failed
         return info
 
-    def final_info(self, ended: Bools, observed: NDArray[np.float32]) -> dict[str, Any]:
+    def final_info(self, ended: Bools, observed: NDArray[np.float32]) -> Info:
         """What ``info`` keeps of episodes whose rows begin another one in the same step.
 
         Args:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from ocp_envs.envs.outcome import Info
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.suggestions import did_you_mean
@@ -29,7 +28,7 @@ class Reset:
     parameters: Array | None
 
     @staticmethod
-    def of_one(problem: OptimalControlProblem, options: Mapping[str, Any] | None) -> Reset:
+    def of_one(problem: OptimalControlProblem, options: Info | None) -> Reset:
         """Of a single environment.
 
         Args:
@@ -46,7 +45,7 @@ class Reset:
         return Reset(np.array([0]), p)
 
     @staticmethod
-    def of_many(problem: OptimalControlProblem, options: Mapping[str, Any] | None, count: int) -> Reset:
+    def of_many(problem: OptimalControlProblem, options: Info | None, count: int) -> Reset:
         """Of a vector environment.
 
         Args:
@@ -71,7 +70,7 @@ class Reset:
         return Reset(rows, None if p is None else np.broadcast_to(p, (count, p.shape[1]))[rows])
 
 
-def _parameters(problem: OptimalControlProblem, options: Mapping[str, Any], names: tuple[str, ...]) -> Array | None:
+def _parameters(problem: OptimalControlProblem, options: Info, names: tuple[str, ...]) -> Array | None:
     """The parameters (B, np) among ``options``, whose names must be among ``names``."""
     for name in options:
         if name not in names:

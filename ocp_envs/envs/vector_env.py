@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.generators import Generators
 from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
-from ocp_envs.envs.outcome import Outcome
+from ocp_envs.envs.outcome import Info, Outcome
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Plant
 from ocp_envs.envs.resets import Reset
@@ -46,7 +46,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         UnknownProblemError: no problem of that name.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
+    metadata: ClassVar[Info] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
 
     def __init__(
         self,
@@ -122,8 +122,8 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     # -- beginning -------------------------------------------------------------------------------------------------
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        self, *, seed: int | Sequence[int | None] | None = None, options: Info | None = None
+    ) -> tuple[NDArray[np.float32], Info]:
         """Begin episodes.
 
         Args:
@@ -148,7 +148,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._pictures.update()
         return self._observed.copy(), info
 
-    def _begin(self, rows: Ints, parameters: Array | None = None) -> dict[str, Any]:
+    def _begin(self, rows: Ints, parameters: Array | None = None) -> Info:
         """Begin episodes in ``rows`` with ``parameters`` (len(rows), np), drawn if not given; their ``info``."""
         if parameters is None:
             parameters = np.array([self.options.draw_parameters(self._generators[row]) for row in rows])
@@ -176,7 +176,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         else:
             self._observed[rows, :nx] = state[rows]
 
-    def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, Bools, Bools, dict[str, Any]]:
+    def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, Bools, Bools, Info]:
         """Advance the episodes by one control step; rows whose episode is over stand still.
 
         Args:
@@ -242,6 +242,6 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """A frame (height, width, 3) per row in mode ``"rgb_array"``; a window with row 0 in mode ``"human"``."""
         return self._pictures.frames()
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Close the window, if there is one; ``kwargs`` are not used."""
         self._pictures.close()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,5 +105,5 @@ class Film:
             self._scene.close()
             self._scene = None
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "_scene": None}  # figures neither copy nor pickle; a new one is made when needed

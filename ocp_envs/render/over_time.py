@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.render.style import GOAL, INK, matplotlib
+from ocp_envs.render.style import GOAL, INK, Axes, matplotlib
 from ocp_envs.trajectory import Trajectory
 
 
-def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes: Any = None) -> NDArray[Any]:
+def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes: Axes = None) -> NDArray[Any]:
     """Plot the states and controls of trajectories against time, one panel per coordinate.
 
     Targets of the state are dotted lines, bounds of the control dashed ones.

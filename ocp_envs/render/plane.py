@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from ocp_envs.picture import Face, Line, Picture, Shape
-from ocp_envs.render.style import matplotlib
+from ocp_envs.render.style import Artist, Figure, matplotlib
 from ocp_envs.support.arrays import Array
 
 #: zorder of the curves; shapes lie above them.
@@ -22,12 +22,12 @@ class Plane:
         picture: a picture with two limits.
     """
 
-    def __init__(self, figure: Any, bounds: tuple[float, float, float, float], picture: Picture) -> None:
+    def __init__(self, figure: Figure, bounds: tuple[float, float, float, float], picture: Picture) -> None:
         self.axes = figure.add_axes(bounds)
         self.axes.set(xlim=picture.limits[0], ylim=picture.limits[1])
         self.axes.set_aspect("equal")
         self.axes.set_axis_off()
-        self._artists: list[tuple[type[Shape], Any]] = []
+        self._artists: list[tuple[type[Shape], Artist]] = []
 
     def curve(self, rank: str, **style: Any) -> PlaneCurve:
         """A new curve without points.
@@ -48,7 +48,7 @@ class Plane:
             for shape, (_, artist) in zip(shapes, self._artists):
                 _move(shape, artist)
 
-    def _add(self, shape: Shape) -> Any:
+    def _add(self, shape: Shape) -> Artist:
         if isinstance(shape, Line):
             style = {"color": shape.color, "lw": shape.width, "solid_capstyle": "round", "zorder": 2}
             return self.axes.plot(*shape.points.T, **style)[0]
@@ -66,7 +66,7 @@ class PlaneCurve:
         artist: Matplotlib's ``Line2D``.
     """
 
-    def __init__(self, artist: Any) -> None:
+    def __init__(self, artist: Artist) -> None:
         self._artist = artist
 
     def set(self, points: Array) -> None:
@@ -74,7 +74,7 @@ class PlaneCurve:
         self._artist.set_data(*points.T)
 
 
-def _move(shape: Shape, artist: Any) -> None:
+def _move(shape: Shape, artist: Artist) -> None:
     if isinstance(shape, Line):
         artist.set_data(*shape.points.T)
         artist.set(color=shape.color, linewidth=shape.width)

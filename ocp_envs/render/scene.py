@@ -14,7 +14,7 @@ from ocp_envs.picture import Picture
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.render.plane import Plane, PlaneCurve
 from ocp_envs.render.space import Space, SpaceCurve
-from ocp_envs.render.style import DASHES, GOAL, GREY, INK, PATH, PLAN, matplotlib
+from ocp_envs.render.style import DASHES, GOAL, GREY, INK, PATH, PLAN, Artist, Axes, matplotlib
 from ocp_envs.support.arrays import Array
 
 _INCHES = 5.0
@@ -41,11 +41,10 @@ class Scene:
         self.problem = problem
         self.picture: Picture = problem.picture
         shape = {"figsize": (_INCHES, _INCHES), "dpi": size / _INCHES}
-        if window:
-            self._pyplot = matplotlib("pyplot")
+        self._pyplot = matplotlib("pyplot") if window else None
+        if self._pyplot is not None:
             self.figure = self._pyplot.figure(problem.id, **shape)
         else:
-            self._pyplot = None
             self.figure = matplotlib("figure").Figure(**shape)
             matplotlib("backends.backend_agg").FigureCanvasAgg(self.figure)
         self.figure.set_facecolor("white")
@@ -62,7 +61,7 @@ class Scene:
             self._shadows = None
         self._path = self.stage.curve("trail", color=PATH, lw=2, solid_capstyle="round", alpha=opacity)
         self._plan = self.stage.curve("plan", color=PLAN, **DASHES)
-        self._legend: Any = None
+        self._legend: Artist = None
         self._write()
 
     def _ring(self, **style: Any) -> PlaneCurve | SpaceCurve:
@@ -70,7 +69,8 @@ class Scene:
 
     def _write(self) -> None:
         """Title, caption, time and cost."""
-        self.figure.text(0.5, 0.965, self.problem.title, ha="center", va="center", size=11, color=INK)
+        size = min(11.0, 640 / len(self.problem.title))  # a long title has to fit into the width
+        self.figure.text(0.5, 0.965, self.problem.title, ha="center", va="center", size=size, color=INK)
         style = {"va": "center", "size": 11, "color": INK, "family": "monospace"}
         self._clock = self.figure.text(0.06, 0.04, "", ha="left", **style)
         self._cost = self.figure.text(0.94, 0.04, "", ha="right", **style)
@@ -102,7 +102,7 @@ class Scene:
         self._clock.set_text(f"t = {time:5.2f} s")
         self._cost.set_text(f"cost = {cost:6.2f}")
 
-    def _add_legend(self) -> Any:
+    def _add_legend(self) -> Artist:
         line = matplotlib("lines").Line2D
         handles = [
             line([], [], color=PATH, lw=2, label="path" if self._shadows is None else "flown"),
@@ -113,7 +113,7 @@ class Scene:
         return self.figure.legend(handles=handles, **style)
 
     @property
-    def axes(self) -> Any:
+    def axes(self) -> Axes:
         """Matplotlib's axes."""
         return self.stage.axes
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ocp_envs.picture import Ball, Face, Line, Picture, Shape, disc
-from ocp_envs.render.style import GREY, matplotlib
+from ocp_envs.render.style import GREY, Artist, Axes, Figure, Style, matplotlib
 from ocp_envs.render.visibility import eye, layers, portrait
 from ocp_envs.support.arrays import Array
 
@@ -33,10 +33,10 @@ class SpaceCurve:
         style: as in ``Axes.plot``.
     """
 
-    def __init__(self, space: Space, rank: float, style: dict[str, Any]) -> None:
+    def __init__(self, space: Space, rank: float, style: Style) -> None:
         self._space, self._rank, self._style = space, rank, style
         self._points = np.empty((0, 3))
-        self._pieces: list[Any] = []
+        self._pieces: list[Artist] = []
 
     def set(self, points: Array, **style: Any) -> None:
         """Make the curve pass through ``points`` (n, 3), metres, and change its ``style``."""
@@ -78,20 +78,20 @@ class Space:
         picture: a picture with three limits.
     """
 
-    def __init__(self, figure: Any, bounds: tuple[float, float, float, float], picture: Picture) -> None:
+    def __init__(self, figure: Figure, bounds: tuple[float, float, float, float], picture: Picture) -> None:
         self._polygons = importlib.import_module("mpl_toolkits.mplot3d.art3d").Poly3DCollection
         self.axes = _axes(figure, bounds, picture)
         self.floor = picture.limits[2][0]
         self.balls: list[Ball] = []
         self.viewer = eye(self.axes.get_proj())
         self._drawn_from: Array | None = None
-        self._surfaces: list[Any] = []
+        self._surfaces: list[Artist] = []
         self._curves: list[SpaceCurve] = []
         self._lines: list[SpaceCurve] = []
-        self._faces: list[Any] = []
+        self._faces: list[Artist] = []
         self._shadow = self._polygon(GREY, 0.45, 0.1)
 
-    def _polygon(self, color: str, alpha: float | None, zorder: float) -> Any:
+    def _polygon(self, color: str, alpha: float | None, zorder: float) -> Artist:
         """A collection of polygons without area, to be given vertices."""
         style = {"linewidths": 0, "edgecolors": "none", "facecolors": color, "alpha": alpha, "zorder": zorder}
         return self.axes.add_collection3d(self._polygons([np.zeros((3, 3))], **style))
@@ -139,7 +139,7 @@ class Space:
         for curve in self._curves:
             curve.refresh()
 
-    def _surface(self, ball: Ball, zorder: float) -> Any:
+    def _surface(self, ball: Ball, zorder: float) -> Artist:
         color = np.array(matplotlib("colors").to_rgb(ball.color))
         pixels, extent = portrait(ball, self.axes.get_proj(), color)
         image = matplotlib("image").AxesImage(self.axes, extent=extent, origin="lower", zorder=zorder)
@@ -172,7 +172,7 @@ class Space:
         return np.asarray(_LAYER * layers(middles, self.balls, self.viewer) + ranks)
 
 
-def _axes(figure: Any, bounds: tuple[float, float, float, float], picture: Picture) -> Any:
+def _axes(figure: Figure, bounds: tuple[float, float, float, float], picture: Picture) -> Axes:
     limits = picture.limits
     with importlib.import_module("matplotlib").rc_context({"grid.color": "#d4d7dc", "grid.linewidth": 0.6}):
         axes = figure.add_axes(bounds, projection="3d", computed_zorder=False)

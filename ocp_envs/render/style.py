@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import importlib
+from types import ModuleType
 from typing import Any
+
+#: Objects of Matplotlib, which is not imported for their types, and keyword arguments of its functions.
+Artist = Any
+Axes = Any
+Figure = Any
+Style = dict[str, Any]
 
 PATH, PLAN, GOAL, INK, GREY = "#3b6ea5", "#d1781f", "#3a8f4d", "#333333", "#8a8f98"
 #: Line style of a plan.
-DASHES = {"lw": 1.6, "ls": (0, (4, 2.5))}
+DASHES: Style = {"lw": 1.6, "ls": (0, (4, 2.5))}
 
 
-def matplotlib(module: str) -> Any:
+def matplotlib(module: str) -> ModuleType:
     """The module ``matplotlib.<module>``.
 
     Args:

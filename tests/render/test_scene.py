@@ -289,3 +289,12 @@ def test_importing_the_package_does_not_import_matplotlib():
     code = "import sys, ocp_envs; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
     assert callable(ocp_envs.plot_trajectory)
+
+
+@pytest.mark.parametrize("name", ocp_envs.names())
+def test_title_and_caption_fit_into_the_picture(name):
+    scene = Scene(ocp_envs.load(name))
+    scene.pixels()
+    for text in scene.figure.texts:
+        box = text.get_window_extent()
+        assert 0 <= box.x0 <= box.x1 <= 480, text.get_text()
