@@ -10,50 +10,60 @@ import argparse
 import json
 import re
 import sys
-from fnmatch import fnmatch
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
-from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, Comparison, Sensitivity
+from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
 from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
-from moe_policy.experiments.records import read
+from moe_policy.experiments.paper_tables import SummaryTable, summary_columns
+from moe_policy.experiments.records import Record, read
+from moe_policy.experiments.seeds import TRAINING_COLUMNS, TrainingComparison, TrainingTable
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
 from moe_policy.experiments.splits import SPLIT_COLUMNS
-from moe_policy.experiments.summary import summary_columns
 from moe_policy.experiments.tables import Column, markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("README.md", "results/README.md")
 BLOCK = re.compile(r"(<!-- table: (\S+)(?: (\w+))? -->\n).*?(<!-- end -->)", re.DOTALL)
+R = TypeVar("R", bound=Record)
+Row = TypeVar("Row")
 
 
-def columns_of(name: str, record: dict[str, Any]) -> tuple[Column, ...]:
-    if name == "table_summary":
-        return summary_columns(record)
-    if name.startswith("compare_splits"):
-        return SPLIT_COLUMNS
-    return TRAINING_COLUMNS
+def table(kind: type[R], rows: Callable[[R], Sequence[Row]], columns: Sequence[Column[Row]]) -> Callable[[Path], str]:
+    """Path of a record of type ``kind`` → the table of its ``rows``."""
+    return lambda path: markdown_table(rows(read(path, kind)), columns)
+
+
+def keyed_rows(columns: Sequence[Column]) -> Callable[[Path], str]:
+    return lambda path: markdown_table(json.loads(path.read_text())["rows"], columns)
+
+
+def summary(path: Path) -> str:
+    found = read(path, SummaryTable)
+    return markdown_table(found.rows, summary_columns(found.columns))
+
+
+#: Makes a table by the name of its record without the environment, and the part of it.
+TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
+    ("table_overview", None): table(OverviewTable, lambda record: record.rows, OVERVIEW_COLUMNS),
+    ("table_summary", None): summary,
+    ("table_training", None): table(TrainingTable, lambda record: record.rows, TRAINING_COLUMNS),
+    ("compare", None): table(Comparison, lambda record: record.rows, COLUMNS),
+    ("compare_training", None): table(TrainingComparison, lambda record: record.rows, TRAINING_COLUMNS),
+    ("compare_splits", None): keyed_rows(SPLIT_COLUMNS),
+    ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
+    ("budgets", None): table(Budgets, lambda record: record.rows, BUDGET_COLUMNS),
+    ("benchmark_planning", "planning"): table(Latency, planning_rows, PLANNING_COLUMNS),
+    ("benchmark_planning", "solver"): table(Latency, lambda record: record.solver, SOLVER_COLUMNS),
+}
 
 
 def table_of(name: str, part: str | None) -> str:
-    path = ROOT / "results" / f"{name}.json"
-    if name.startswith("benchmark_planning"):
-        latency = read(path, Latency)
-        if part == "planning":
-            return markdown_table(planning_rows(latency), PLANNING_COLUMNS)
-        return markdown_table(latency.solver, SOLVER_COLUMNS)
-    if name == "table_overview":
-        return markdown_table(read(path, OverviewTable).rows, OVERVIEW_COLUMNS)
-    if name.startswith("budgets"):
-        return markdown_table(read(path, Budgets).rows, BUDGET_COLUMNS)
-    if name.startswith("sensitivity"):
-        return markdown_table(read(path, Sensitivity).rows, COLUMNS)
-    if fnmatch(name, "compare_[!st]*"):
-        return markdown_table(read(path, Comparison).rows, COLUMNS)
-    record = json.loads(path.read_text())
-    return markdown_table(record[part or "rows"], columns_of(name, record))
+    kind = name if name.startswith("table_") else name.rpartition("_")[0]
+    return TABLES[kind, part](ROOT / "results" / f"{name}.json")
 
 
 def render(text: str) -> str:

@@ -6,7 +6,7 @@ goal ball; from then on the goal is regulated, too, where the problem allows it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
-from moe_policy.experiments.tables import Column, duration, keyed, proportion
+from moe_policy.experiments.tables import Column, duration, proportion
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.prediction_error import validation_error
 from moe_policy.protocols import Planner
@@ -275,29 +275,4 @@ COLUMNS: tuple[Column[ComparisonRow], ...] = (
     Column("weights", lambda row: row.parameters_total, ","),
     Column("… active", lambda row: row.parameters_active, ","),
     Column("training", lambda row: row.training_seconds, duration),
-)
-
-
-def _error(value: float) -> str:
-    """Three decimals; two digits where these would say nothing."""
-    return f"{value:.3f}" if value >= 1e-3 else f"{value:.2g}"
-
-
-def _median(record: Mapping[str, float]) -> str:
-    return f"{record['median']:.0f} ({record['least']}–{record['most']})"
-
-
-#: The table of training variants: medians over seeds, and their range.
-TRAINING_COLUMNS = (
-    keyed("name", "model"),
-    keyed("samples", "training problems", ","),
-    keyed("success_spread", "success, median (range)", _median),
-    keyed("paper_success", "paper", "d"),
-    keyed("success_at_plan_end_spread", "at the plan's end", _median),
-    keyed("knot_violation_spread", "mean violation at knots, m", lambda row: f"{row['median']:.3f}"),
-    keyed("paper_violation", "paper", ".3f"),
-    keyed("violation_spread", "… on the whole path", lambda row: f"{row['median']:.3f}"),
-    keyed("validation_error_spread", "validation error", lambda row: _error(row["median"])),
-    keyed("paper_validation_error", "paper", _error),
-    keyed("test_error_spread", "test error", lambda row: f"{row['median']:.4f}"),
 )

@@ -9,7 +9,7 @@ import pytest
 from moe_policy.control.stabiliser import Stabilised, Stabiliser
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments import comparison
-from moe_policy.experiments.comparison import COLUMNS, TRAINING_COLUMNS, ComparisonRow, CostDifference
+from moe_policy.experiments.comparison import COLUMNS, ComparisonRow, CostDifference
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import ABSENT
 from moe_policy.experiments.tables import DASH, markdown_table
@@ -138,19 +138,3 @@ def test_environments_run_on_beyond_the_goal():
     assert not (terminated | truncated).any()
     assert envs.unwrapped.dt == 0.05
     envs.close()
-
-
-def test_the_table_of_training_variants():
-    spread = {"median": 990.0, "least": 985, "most": 999}
-    row = {"name": "moe-custom", "success_spread": spread, "paper_success": 998, "test_error_spread": {"median": 0.01}}
-    *_, line = markdown_table([row], TRAINING_COLUMNS).splitlines()
-    assert line == "| moe-custom | 990 (985–999) | 998 | 0.0100 |"
-    violated = {
-        "name": "snn",
-        "success_spread": spread,
-        "knot_violation_spread": {"median": 0.2},
-        "paper_violation": 0.3,
-    }
-    *_, first, second = markdown_table([row, violated], TRAINING_COLUMNS).splitlines()
-    assert first == f"| moe-custom | 990 (985–999) | 998 | {DASH} | {DASH} | 0.0100 |"
-    assert second == f"| snn | 990 (985–999) | {DASH} | 0.200 | 0.300 | {DASH} |"

@@ -1,12 +1,14 @@
 """Figures by name: which a problem has, and that what they tell agrees with what they were drawn from."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures import gallery
-from moe_policy.experiments.figures.cases import flip_parameters
+from moe_policy.experiments.figures.cases import follow, rise_parameters
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.solvers.solver import GuardedSolver
 
@@ -34,9 +36,9 @@ def test_the_papers_figures_of_results_are_all_there():
 def test_a_family_is_followed_past_the_flip():
     problem = ocp_envs.load("QuadcopterObstacle-v0")
     rise = benchmark_of(problem).figures.rise
-    p = flip_parameters(problem, rise.centre, rise.radius, rise.start, *rise.heights, 6)
+    p = rise_parameters(problem, dataclasses.replace(rise, count=6))
     with GuardedSolver(problem) as solver:
-        plans, costs = gallery.follow(problem, solver, p)
+        plans, costs = follow(problem, solver, p)
     assert len(plans) == 6
     here = slice(None, 4)  # further up it may end, and the solver find the other one
     assert np.isfinite(costs[here]).all()

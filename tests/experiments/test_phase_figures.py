@@ -56,20 +56,3 @@ def test_errors_show_failures_in_their_own_colour(tmp_path, models, height):
     picture = pixels(figures.error_figure(tmp_path / "bad.png", one_bad, 0.1), (9.0, height))
     assert has(picture, COLORS[0])
     assert has(picture, COLORS[1])
-
-
-def test_sizes(tmp_path):
-    rows = [
-        {"name": name, "samples": size, "success": [size, size + 5], "success_at_plan_end": [size // 2]}
-        for name in ("snn", "moe-custom")
-        for size in (80, 40, 20)
-    ]
-    picture = pixels(figures.sizes_figure(tmp_path / "sizes.png", rows, cases=100), (8.0, 3.2))
-    same = [row | {"success_at_plan_end": row["success"]} for row in rows]
-    assert has(pixels(figures.sizes_figure(tmp_path / "one.png", same, cases=100), (4.5, 3.2)), COLORS[1])
-    none = [row | {"success": [100], "success_at_plan_end": [100]} for row in rows]
-    assert has(pixels(figures.sizes_figure(tmp_path / "none.png", none, cases=100), (4.5, 3.2)), COLORS[1])
-    entering = [row | {"violation": [0.3, 0.2], "knot_violation": [0.1, 0.2]} for row in rows]
-    assert has(pixels(figures.sizes_figure(tmp_path / "entering.png", entering, cases=100), (8.0, 3.2)), COLORS[0])
-    assert has(picture, COLORS[0])
-    assert has(picture, COLORS[1])

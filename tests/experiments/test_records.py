@@ -16,8 +16,10 @@ from moe_policy.experiments.interruptions import Interruptions
 from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.learners import LearnerTraining, Search
 from moe_policy.experiments.overview import OverviewTable
+from moe_policy.experiments.paper_tables import SummaryTable
 from moe_policy.experiments.quality import Quality
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
+from moe_policy.experiments.seeds import TrainingComparison, TrainingTable
 from moe_policy.experiments.speed.environments import EnvironmentSpeed
 from moe_policy.experiments.speed.generation import GenerationSpeed
 from moe_policy.experiments.speed.rollouts import RolloutSpeed
@@ -45,18 +47,18 @@ TYPES: dict[str, type[Record]] = {
     "benchmark_solver_*": SolverSpeed,
     "compare_[GPQ]*": Comparison,
     "compare_trained_*": Comparison,
+    "compare_training_*": TrainingComparison,
     "margin_*": Margins,
     "sensitivity_*": Sensitivity,
     "table_overview.json": OverviewTable,
+    "table_summary.json": SummaryTable,
+    "table_training.json": TrainingTable,
 }
 #: Patterns of the files that have no type yet.
 UNTYPED = (
     "compare_splits_*",
-    "compare_training_*",
     "robustness_*",
     "splits_*",
-    "table_summary.json",
-    "table_training.json",
 )
 
 

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from moe_policy.experiments.benchmark.parts import Rise
 from moe_policy.experiments.figures import cases
 from moe_policy.experiments.figures import space as figures
 from moe_policy.experiments.figures.style import COLORS, STYLE, cluster_color
@@ -73,59 +76,60 @@ def text_of(figure):
 # -- which problems to show --------------------------------------------------------------------------------------------
 
 
-def test_the_start_rises_past_a_sphere_that_stands_still():
-    p = cases.flip_parameters(QUADCOPTER_OBSTACLE, SPHERE, 3.0, [0, 8], 5.0, 9.0, 5)
+RISE = Rise(centre=tuple(SPHERE), radius=3.0, start=(0.0, 8.0), heights=(5.0, 9.0), count=5)
+
+
+def test_the_initial_position_rises_past_a_sphere_at_rest():
+    p = cases.rise_parameters(QUADCOPTER_OBSTACLE, RISE)
     np.testing.assert_array_equal(p, [[0, 8, z, 0, 4, 4, 3] for z in (5, 6, 7, 8, 9)])
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("changes", "message"),
     [
-        ((SPHERE, 3.0, [0, 8], 5.0, 11.0, 5), "outside the box"),
-        ((SPHERE, 0.5, [0, 8], 5.0, 9.0, 5), "outside the box"),
-        ((SPHERE, 3.0, [0, 4], 0.0, 8.0, 5), r"z = \[2.0, 4.0, 6.0\] lie inside the sphere"),
-        ((SPHERE[:2], 3.0, [0, 8], 5.0, 9.0, 5), r"got \(2,\), \(2,\) and 5"),
-        ((SPHERE, 3.0, [0, 8, 1], 5.0, 9.0, 5), r"got \(3,\), \(3,\) and 5"),
-        ((SPHERE, 3.0, [0, 8], 5.0, 9.0, 1), "at least 2, got .* and 1"),
+        ({"heights": (5.0, 11.0)}, "outside the box"),
+        ({"radius": 0.5}, "outside the box"),
+        ({"start": (0.0, 4.0), "heights": (0.0, 8.0)}, r"z = \[2.0, 4.0, 6.0\] are inside the sphere"),
+        ({"count": 1}, "expected at least 2 initial positions, got 1"),
     ],
 )
-def test_sequences_that_make_no_sense_are_refused(arguments, message):
+def test_sequences_that_make_no_sense_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
-        cases.flip_parameters(QUADCOPTER_OBSTACLE, *arguments)
+        cases.rise_parameters(QUADCOPTER_OBSTACLE, dataclasses.replace(RISE, **changes))
 
 
 def test_a_sequence_needs_a_sphere():
     with pytest.raises(ValueError, match=r"Quadcopter-v0: expected the parameters .*radius.*, got \('x', 'y', 'z'\)"):
-        cases.flip_parameters(QUADCOPTER, SPHERE, 3.0, [0, 8], 5.0, 9.0, 5)
+        cases.rise_parameters(QUADCOPTER, RISE)
 
 
 @pytest.mark.parametrize("flip", [0, 3, 8])
 def test_the_flip_is_found(flip):
     p = np.linspace([0, 8, 5], [0, 8, 9], 10)
-    assert cases.find_flip(bent(p, np.arange(10) > flip)) == flip
-    assert cases.find_flip(bent(p, np.arange(10) <= flip)) == flip
+    assert cases.find_discontinuity(bent(p, np.arange(10) > flip)) == flip
+    assert cases.find_discontinuity(bent(p, np.arange(10) <= flip)) == flip
 
 
 def test_of_equal_steps_the_first_is_the_flip():
     states = np.zeros((4, 20, 12))
     states[2:] = 1.0
     steps = Trajectory(np.concatenate([states, states[:1]]), np.zeros((5, 19, 4)), np.ones(5))
-    assert cases.find_flip(steps) == 1
+    assert cases.find_discontinuity(steps) == 1
 
 
 def test_steps_are_measured_in_standard_deviations():
     states = np.zeros((4, 20, 12))
     states[1:, :10, 6:10] = 0.1  # forty small components jump after 0
     states[3:, 5, 0] = 100.0  # a large one after 2
-    assert cases.find_flip(Trajectory(states, np.zeros((4, 19, 4)), np.ones(4))) == 0
+    assert cases.find_discontinuity(Trajectory(states, np.zeros((4, 19, 4)), np.ones(4))) == 0
 
 
 def test_a_flip_needs_two_finite_trajectories():
     plan = straight(np.ones((2, 3)))
     with pytest.raises(ValueError, match="at least two trajectories, got 1"):
-        cases.find_flip(plan[0])
+        cases.find_discontinuity(plan[0])
     with pytest.raises(ValueError, match="finite; row 1"):
-        cases.find_flip(with_states(plan, (1, 3, 4), np.nan))
+        cases.find_discontinuity(with_states(plan, (1, 3, 4), np.nan))
 
 
 def test_violations_are_those_of_the_deepest_knot():
@@ -235,7 +239,7 @@ def test_without_an_obstacle_there_is_no_sphere(drawn):
     assert spheres_in(axes) == 0
 
 
-P = cases.flip_parameters(QUADCOPTER_OBSTACLE, SPHERE, 3.0, [0, 8], 6.0, 9.0, 7)
+P = cases.rise_parameters(QUADCOPTER_OBSTACLE, dataclasses.replace(RISE, heights=(6.0, 9.0), count=7))
 OPTIMAL = bent(P, np.arange(7) >= 3)
 
 

@@ -18,7 +18,7 @@ import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments import comparison
+from moe_policy.experiments import comparison, trainings
 from moe_policy.experiments.benchmark.parts import Quick
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning.settings import TrainingSettings
@@ -205,12 +205,13 @@ def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeyp
     whole = module.benchmark_of(PENDULUM)
     training = dataclasses.replace(whole.training, settings=QUICK, sizes={20: 2, 40: 2})
     benchmark = dataclasses.replace(whole, training=training)
+    monkeypatch.setattr(module, "benchmark_of", lambda problem: benchmark)
     for name, value in (
         ("benchmark_of", lambda problem: benchmark),
         ("PAPER", dataclasses.replace(QUICK, patience=2)),
         ("WorkerPool", OneThread),
     ):
-        monkeypatch.setattr(module, name, value)
+        monkeypatch.setattr(trainings, name, value)
     copy = tmp_path / "data" / PENDULUM.id
     copy.mkdir(parents=True)
     for name in ("training.zarr", "validation.zarr"):
@@ -229,19 +230,18 @@ def test_compare_training_goes_on_and_fills_its_table(data, script, run, monkeyp
     pictures = {path.name for path in (tmp_path / "results").glob("*.png")}
     assert pictures == {f"training_{PENDULUM.id}_{name}.png" for name in ("clusters", "sizes", "jump", "errors")}
     # The second run finds all models of the first.
-    monkeypatch.setattr(module, "execute", None)
+    monkeypatch.setattr(trainings, "execute", None)
     run(module, *arguments)
     again = read(tmp_path / "results" / "compare_training_PendulumSwingup-v0.json")
     assert again["rows"] == record["rows"]
 
 
-def test_compare_training_evaluates_kept_models_anew(data, script, monkeypatch, tmp_path):
-    module = script("compare_training")
-    run = module.Run("snn", 0, 30, QUICK)
-    folders = module.Folders(data / PENDULUM.id, tmp_path)
-    first = module.execute(PENDULUM.id, run, "key", folders)
-    monkeypatch.setattr(module, "train", None)
-    again = module.execute(PENDULUM.id, run, "key", folders)
+def test_kept_models_are_evaluated_again_without_training(data, monkeypatch, tmp_path):
+    run = trainings.Run("snn", 0, 30, QUICK)
+    folders = trainings.Folders(data / PENDULUM.id, tmp_path)
+    first = trainings.execute(PENDULUM.id, run, "key", folders)
+    monkeypatch.setattr(trainings, "train", None)
+    again = trainings.execute(PENDULUM.id, run, "key", folders)
     assert again == first
 
 
@@ -282,16 +282,17 @@ def test_reproduce_quickly(script, run, monkeypatch, tmp_path):
     monkeypatch.setattr(module, "benchmark_of", lambda problem: few)
     folders = ("--data", tmp_path / "data", "--results", tmp_path / "results")
     run(module, "--quick", "--table", "training", "--figure", "mixture", "pendulum-clusters", *folders)
-    record = read(tmp_path / "results" / "table_training.json")
+    quick = tmp_path / "results" / "quick"
+    record = read(quick / "table_training.json")
     rows = {row["name"]: row for row in record["rows"]}
     assert set(rows) == set(module.benchmark_of(PENDULUM).shipped)
     assert rows["moe-custom"]["paper_success"] == 998
     assert all(len(row["success"]) == 1 and 0 <= row["success"][0] <= 6 for row in rows.values())
-    assert "| moe-custom |" in (tmp_path / "results" / "table_training.md").read_text()
+    assert "| moe-custom |" in (quick / "table_training.md").read_text()
     for name in ("mixture", "pendulum-clusters"):
         for suffix in (".png", ".pdf", ".json"):
-            assert (tmp_path / "results" / f"figure_{name}{suffix}").stat().st_size > 0
-    told = read(tmp_path / "results" / "figure_pendulum-clusters.json")
+            assert (quick / f"figure_{name}{suffix}").stat().st_size > 0
+    told = read(quick / "figure_pendulum-clusters.json")
     assert (told["training_problems"], told["validation_problems"], told["quick"]) == (60, 6, True)
 
 

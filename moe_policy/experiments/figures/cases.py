@@ -1,59 +1,64 @@
-"""Which problems a figure in space shows: a start that rises past a sphere, where the optimum flips, who enters."""
+"""Cases of figures in space: initial positions that rise past a sphere, where the optimum changes sides, violations."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from moe_policy.experiments.benchmark.parts import Rise
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.check import path_violation
+from ocp_envs.solvers.solver import GuardedSolver, solve
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 
-def flip_parameters(
-    problem: OptimalControlProblem,
-    centre: ArrayLike,
-    radius: float,
-    start_xy: ArrayLike,
-    z_low: float,
-    z_high: float,
-    count: int,
-) -> Array:
-    """Parameters (count, np) along which the start rises past a sphere that stands still.
+def rise_parameters(problem: OptimalControlProblem, rise: Rise) -> Array:
+    """Parameters (count, np) along which the initial position rises past a sphere.
 
     Args:
         problem: one with the parameters x, y, z, cx, cy, cz, radius.
-        centre: of the sphere, (3,), metres.
-        radius: of the sphere, metres.
-        start_xy: where the starts are, (2,), metres.
-        z_low: height of the first start, metres.
-        z_high: height of the last one.
-        count: number of starts, at equal distances, at least two.
+        rise: the sphere and the initial positions.
 
     Raises:
-        ValueError: other parameters, wrong shapes, fewer than two starts, values outside the box, or a start inside
-            the sphere.
+        ValueError: other parameters, fewer than two positions, values outside the box, or a position inside the sphere.
     """
     names = ("x", "y", "z", "cx", "cy", "cz", "radius")
     if problem.parameters.names != names:
         raise ValueError(f"{problem.id}: expected the parameters {names}, got {problem.parameters.names}")
-    if np.shape(centre) != (3,) or np.shape(start_xy) != (2,) or count < 2:
-        got = f"{np.shape(centre)}, {np.shape(start_xy)} and {count}"
-        raise ValueError(f"expected centre (3,), start_xy (2,) and a count of at least 2, got {got}")
-    p = np.empty((count, 7))
-    p[:, :2], p[:, 3:6], p[:, 6] = start_xy, centre, radius
-    p[:, 2] = np.linspace(z_low, z_high, count)
+    if rise.count < 2:
+        raise ValueError(f"expected at least 2 initial positions, got {rise.count}")
+    p = np.empty((rise.count, 7))
+    p[:, :2], p[:, 3:6], p[:, 6] = rise.start, rise.centre, rise.radius
+    p[:, 2] = np.linspace(*rise.heights, rise.count)
     p = problem.check_parameters(p)
-    inside = np.linalg.norm(p[:, :3] - p[:, 3:6], axis=1) < radius
+    inside = np.linalg.norm(p[:, :3] - p[:, 3:6], axis=1) < rise.radius
     if inside.any():
-        raise ValueError(f"starts at z = {p[inside, 2].tolist()} lie inside the sphere; choose another start_xy")
+        raise ValueError(f"positions at z = {p[inside, 2].tolist()} are inside the sphere; choose another start")
     return p
 
 
-def find_flip(optimal: Trajectory) -> int:
-    """The index i after which a sequence of optimal trajectories jumps: the largest step is from i to i + 1.
+def follow(problem: OptimalControlProblem, solver: GuardedSolver, p: Array) -> tuple[Trajectory, Array]:
+    """The family of the best solution of p[0] along p, and its costs (K,); NaN and +inf where it ends.
+
+    Args:
+        problem: the problem.
+        solver: solves each instance from the solution of the previous one.
+        p: closely spaced parameters along a path, (K, np).
+    """
+    best = solve(problem, p[0], starts=12)
+    plans, costs, guess = [best.trajectory], [best.cost], best.trajectory
+    for row in p[1:]:
+        found = solver.solve(row[None], guess, np.zeros(1, np.int64))
+        plans.append(found.trajectory)
+        costs.append(float(found.cost[0]))
+        guess = found.trajectory if found.solved[0] else guess
+    return Trajectory.concatenate(plans), np.array(costs)
+
+
+def find_discontinuity(optimal: Trajectory) -> int:
+    """The index i of the largest step in a sequence of optimal trajectories, from i to i + 1.
 
     Steps are Euclidean distances of flat trajectories, every component standardised over the sequence; of equal ones
     the first counts.
@@ -72,7 +77,7 @@ def find_flip(optimal: Trajectory) -> int:
 
 
 def plan_violations(problem: OptimalControlProblem, parameters: ArrayLike, plans: Trajectory) -> Array:
-    """The worst violation of the path constraints at the knots of each plan, (B,), at least 0; metres for a sphere.
+    """The largest violation of the path constraints at the knots of each plan, (B,), at least 0; metres for a sphere.
 
     Args:
         problem: one with path constraints.

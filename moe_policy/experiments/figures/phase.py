@@ -1,11 +1,11 @@
-"""Figures about learning: what the samples look like, where models fail, and how much data they need."""
+"""Figures over the box of two parameters and in the phase plane: the discontinuity, clusters, errors."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,7 +38,7 @@ def discontinuity_figure(
 ) -> Path:
     """The paper's first figure, in the plane of the first two state coordinates.
 
-    Above, a selection of samples and the prediction of the first model at one state; below, the samples by cluster and
+    Above: a selection of samples and the prediction of the first model at one state. Below: the samples by cluster and
     the prediction of the second. The goal states are red.
 
     Args:
@@ -65,7 +65,7 @@ def discontinuity_figure(
         for ax, (name, plan) in zip(axes[:, 1], predictions.items()):
             ax.plot(optimal.states[0, :, 0], optimal.states[0, :, 1], color=COLORS[0], label="optimal")
             ax.plot(plan.states[0, :, 0], plan.states[0, :, 1], "--", color=COLORS[1], label=name)
-            ax.set_title(f"prediction of {name} near the jump")
+            ax.set_title(f"prediction of {name} near the discontinuity")
             ax.legend(loc="best", fontsize=8)
         for ax in axes.ravel():
             _phase_labels(ax, problem)
@@ -90,11 +90,11 @@ def clusters_figure(path: str | os.PathLike[str], samples: Samples, partitions: 
 
 
 def error_figure(path: str | os.PathLike[str], errors: Mapping[str, tuple[Array, Array]], radius: float) -> Path:
-    """Prediction error of the plan's end against the state error after tracking and hold, one panel per model.
+    """Error of the predicted final state against the error after tracking and regulation, one panel per model.
 
     Args:
         path: file to write.
-        errors: (error of the predicted final state, error at the judging time) by model, each (B,).
+        errors: (error of the predicted final state, error at the evaluation time) by model, each (B,).
         radius: of the goal ball, drawn as lines.
     """
 
@@ -114,80 +114,3 @@ def error_figure(path: str | os.PathLike[str], errors: Mapping[str, tuple[Array,
             ax.set_ylabel("error after the hold")
 
     return save_figure(path, (9.0, 2.4 * -(-len(errors) // 3)), draw)
-
-
-def sizes_figure(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]], cases: int) -> Path:
-    """What goes wrong against the number of training problems: median over seeds, and their range.
-
-    Failures, or where there are path constraints, mean violations; on logarithmic scales, where no failure at all is
-    drawn as half of one.
-
-    Args:
-        path: file to write.
-        rows: records with ``name``, ``samples`` and lists over seeds: ``success`` and ``success_at_plan_end``, or
-            ``knot_violation`` and ``violation`` in metres.
-        cases: validation cases.
-    """
-    constrained = rows[0].get("violation", [None])[0] is not None
-    shown = {"success": "after the hold", "success_at_plan_end": "at the plan's end"}
-    if constrained:
-        shown = {"knot_violation": "at the knots", "violation": "on the whole path"}
-    elif all(row["success"] == row["success_at_plan_end"] for row in rows):  # a goal that cannot be held
-        del shown["success"]
-
-    def wrong(values: Sequence[float]) -> Array:
-        return np.asarray(values, float) if constrained else np.maximum(cases - np.asarray(values), 0.5)
-
-    def draw(figure: Figure) -> None:
-        panels: Any = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
-        for ax, (key, title) in zip(panels, shown.items()):
-            for i, name in enumerate(dict.fromkeys(row["name"] for row in rows)):
-                points = sorted((row["samples"], row[key]) for row in rows if row["name"] == name)
-                counts = np.array([size for size, _ in points])
-                values = np.array([np.quantile(wrong(v), [0, 0.5, 1]) for _, v in points])
-                ax.fill_between(counts, values[:, 0], values[:, 2], color=COLORS[i], alpha=0.2, linewidth=0)
-                ax.plot(counts, values[:, 1], "o-", color=COLORS[i], label=name, markersize=4)
-            ax.set(xscale="log", yscale="log", xlabel="training problems", title=title)
-            if constrained:  # hardly a decade: every number stands where it is
-                ax.yaxis.set_major_formatter("{x:g}")
-                ax.yaxis.set_minor_formatter("{x:g}")
-        panels[0].set_ylabel("mean violation, m" if constrained else f"failures of {cases:,}")
-        panels[0].legend()
-
-    return save_figure(path, (8.0 if len(shown) == 2 else 4.5, 3.2), draw)
-
-
-def mixture_figure(path: str | os.PathLike[str], experts: int = 3) -> Path:
-    """A sketch of a mixture: the gate sees p and chooses the expert that plans; the paper's figure 2.
-
-    Args:
-        path: file to write.
-        experts: number of experts, the second of which is chosen.
-    """
-
-    def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        axes.set(xlim=(0.2, 9.8), ylim=(-1.6, experts - 0.4), aspect="equal")
-        axes.set_axis_off()
-
-        def box(x: float, y: float, text: str, color: str) -> None:
-            frame = {"boxstyle": "round,pad=0.5", "edgecolor": color, "facecolor": "white", "linewidth": 1.5}
-            axes.text(x, y, text, ha="center", va="center", bbox=frame, fontsize=10)
-
-        def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **form: Any) -> None:
-            axes.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": color, "linewidth": 1.5, **form})
-
-        middle, chosen, below = (experts - 1) / 2, min(1, experts - 1), -1.1
-        box(0.8, middle, "p", "black")
-        box(4.9, below, "gate", COLORS[1])
-        arrow((0.8, middle - 0.45), (4.3, below), "black", connectionstyle="angle,angleA=90,angleB=0")
-        for i in range(experts):
-            color = COLORS[0] if i == chosen else COLORS[7]
-            box(4.9, i, f"expert {i + 1}", color)
-            arrow((1.2, middle), (3.9, i), color)
-        arrow((5.9, chosen), (8.4, chosen), COLORS[0])
-        arrow((5.5, below), (7.1, chosen), COLORS[1], linestyle="--", connectionstyle="angle,angleA=0,angleB=90")
-        axes.text(7.25, below / 2 + 0.2, "chooses", color=COLORS[1], fontsize=9)
-        box(9.1, chosen, "plan", "black")
-
-    return save_figure(path, (6.0, 1.2 + 0.7 * experts), draw)

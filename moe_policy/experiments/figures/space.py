@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from moe_policy.experiments.comparison import MarginRow
-from moe_policy.experiments.figures.cases import find_flip, plan_violations
+from moe_policy.experiments.figures.cases import find_discontinuity, plan_violations
 from moe_policy.experiments.figures.style import COLORS, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
 from moe_policy.planners.nearest import NearestPlanner
@@ -239,7 +239,7 @@ def flip_figure(
     """Plans along a path of parameters, in colour from first to last: a panel for the optimum and for each planner.
 
     The sphere is that of the first parameter. Titles tell the worst violation at the knots; in the scale of colours, a
-    black line marks where the optimum jumps (:func:`~moe_policy.experiments.figures.cases.find_flip`).
+    black line marks where the optimum jumps (:func:`~moe_policy.experiments.figures.cases.find_discontinuity`).
 
     Args:
         path: file to write.
@@ -258,7 +258,7 @@ def flip_figure(
     if wrong := {name: len(batch) for name, batch in every.items() if len(batch) != len(p)}:
         raise ValueError(f"expected {len(p)} trajectories, one for each parameter, got {wrong}")
     worst = {name: plan_violations(problem, p, batch).max() for name, batch in every.items()}
-    flip, contexts, varied = find_flip(optimal), problem.start(p)[1], int(np.ptp(p, axis=0).argmax())
+    flip, contexts, varied = find_discontinuity(optimal), problem.start(p)[1], int(np.ptp(p, axis=0).argmax())
     if np.ptp(contexts, axis=0).any():
         raise ValueError(f"expected one ({', '.join(problem.context.names)}) for all parameters, got different ones")
     texts = [f"{value:.3g}" for value in p[:, varied]] if labels_of_lines is None else list(labels_of_lines)

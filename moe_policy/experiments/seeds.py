@@ -1,0 +1,326 @@
+"""Trained networks over several training seeds: a record for each model, and a row for all seeds of one kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from moe_policy.experiments import comparison
+from moe_policy.experiments.benchmark.published import Published
+from moe_policy.experiments.figures.details import Details, DiscontinuityCase
+from moe_policy.experiments.methods import Method
+from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, renamed
+from moe_policy.experiments.tables import Column
+from moe_policy.planners.network import NetworkPlanner
+from ocp_envs.data.samples import Samples
+from ocp_envs.support.provenance import Provenance
+
+Settings = dict[str, Scalar]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Training(Record):
+    """How a network was trained.
+
+    Args:
+        seed: of the training.
+        samples: number of training instances.
+        test_error: smooth L1 loss on the test split.
+        training_seconds: duration.
+        peak_memory_gb: of the process, 2³⁰ bytes; ``None`` where it was not measured.
+        gate_accuracy: of a mixture on the test split; ``None`` for a single network.
+        part_test_errors: loss on the test split of each expert, or of the single network.
+        cluster_sizes: number of samples in each cluster; ``None`` for a single network.
+    """
+
+    seed: int
+    samples: int
+    test_error: float
+    training_seconds: float
+    peak_memory_gb: float | Absent | None = ABSENT
+    gate_accuracy: float | Absent | None = ABSENT
+    part_test_errors: tuple[float, ...] | Absent = ABSENT
+    cluster_sizes: tuple[int, ...] | Absent | None = ABSENT
+
+    @classmethod
+    def of(cls, planner: NetworkPlanner) -> Training:
+        """The training of ``planner``."""
+        training = planner.details["training"]
+        parts = training["parts"]
+        clusters = planner.details.get("clusters", {}).get("sizes")
+        return cls(
+            seed=planner.details["seed"],
+            samples=planner.details["samples"],
+            test_error=training["test_error"],
+            training_seconds=training["seconds"],
+            peak_memory_gb=training.get("peak_memory_gb"),
+            gate_accuracy=next((part["accuracy"] for part in parts if part["accuracy"] is not None), None),
+            part_test_errors=tuple(part["test_loss"] for part in parts if part["accuracy"] is None),
+            cluster_sizes=None if clusters is None else tuple(clusters),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model(Record):
+    """A trained network on the validation set.
+
+    Args:
+        training: how it was trained.
+        success: number of successful rollouts.
+        success_at_plan_end: number of rollouts in the goal ball at the plan's end.
+        reached: number of rollouts that enter the goal ball.
+        violation: mean violation on the whole path, metres; ``None`` without path constraints.
+        knot_violation: the same at the knots.
+        validation_error: smooth L1 loss of its predictions.
+    """
+
+    training: Training = inline()
+    success: int
+    success_at_plan_end: int
+    reached: int
+    violation: float | None
+    knot_violation: float | None
+    validation_error: float
+
+    @classmethod
+    def of(cls, planner: NetworkPlanner, validation: Samples) -> Model:
+        """``planner`` on the solved instances ``validation``."""
+        method = Method(planner.name, planner)
+        optimal, p = validation.trajectory, validation.parameters
+        row, _ = comparison.run(planner.problem, method, p, optimal=optimal, batches=())
+        metrics, error = row.metrics, present(row.validation_error)
+        assert metrics.success_at_plan_end is not None
+        assert error is not None
+        return cls(
+            training=Training.of(planner),
+            success=metrics.success.count,
+            success_at_plan_end=metrics.success_at_plan_end.count,
+            reached=metrics.reached.count,
+            violation=metrics.violation_mean,
+            knot_violation=metrics.knot_violation_mean,
+            validation_error=error,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Range(Record):
+    """The median over training seeds, and the range.
+
+    Args:
+        median: of the values.
+        minimum: smallest value.
+        maximum: largest value.
+    """
+
+    median: float
+    minimum: float = renamed("least")
+    maximum: float = renamed("most")
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> Range:
+        """The range of ``values``, one a seed."""
+        return cls(median=float(np.median(values)), minimum=min(values), maximum=max(values))
+
+    @classmethod
+    def known(cls, values: Sequence[float | None]) -> Range | Absent:
+        """The same, :data:`ABSENT` for a metric that the problem does not have."""
+        found = [value for value in values if value is not None]
+        return cls.of(found) if found else ABSENT
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paper(Record):
+    """The paper's values of a model, as :class:`~moe_policy.experiments.benchmark.published.Published`."""
+
+    validation_error: float | Absent = renamed("paper_validation_error", ABSENT)
+    success: int | Absent = renamed("paper_success", ABSENT)
+    violation: float | Absent = renamed("paper_violation", ABSENT)
+    test_error: float | Absent = renamed("paper_test_error", ABSENT)
+    cluster_sizes: tuple[int, ...] | Absent = renamed("paper_cluster_sizes", ABSENT)
+    gate_accuracy: float | Absent = renamed("paper_gate_accuracy", ABSENT)
+    expert_test_error: tuple[float, ...] | Absent = renamed("paper_expert_test_error", ABSENT)
+
+    @classmethod
+    def of(cls, published: Published | None) -> Paper:
+        """What is known of ``published``."""
+        values: dict[str, Any] = {} if published is None else asdict(published)
+        return cls(**{name: value for name, value in values.items() if value is not None})
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingRow(Record):
+    """All seeds of one kind of model; lists hold a value for each seed.
+
+    Args:
+        name: of the model.
+        samples: number of training instances.
+        hidden: widths of the hidden layers, in the ablation.
+        shipped_seed: seed of the model in the package, where other fields are of this model alone.
+        seeds: of the trainings.
+        success: as in :class:`Model`, and so on.
+        success_spread: median and range of ``success``, and so on.
+        paper: the paper's values.
+    """
+
+    name: str
+    samples: int
+    hidden: tuple[int, ...] | Absent = ABSENT
+    shipped_seed: tuple[int, ...] | Absent = renamed("seed", ABSENT)
+    seeds: tuple[int, ...]
+    success: tuple[int, ...]
+    success_at_plan_end: tuple[int, ...]
+    reached: tuple[int, ...] | Absent = ABSENT
+    violation: tuple[float | None, ...] | Absent = ABSENT
+    knot_violation: tuple[float | None, ...] | Absent = ABSENT
+    test_error: tuple[float, ...]
+    validation_error: tuple[float, ...]
+    training_seconds: tuple[float, ...]
+    peak_memory_gb: tuple[float | None, ...] | Absent = ABSENT
+    gate_accuracy: tuple[float | None, ...] | Absent = ABSENT
+    part_test_errors: tuple[tuple[float, ...] | None, ...] | Absent = ABSENT
+    cluster_sizes: tuple[tuple[int, ...] | None, ...] | Absent = ABSENT
+    success_spread: Range
+    success_at_plan_end_spread: Range
+    violation_spread: Range | Absent = ABSENT
+    knot_violation_spread: Range | Absent = ABSENT
+    test_error_spread: Range
+    validation_error_spread: Range
+    training_seconds_spread: Range
+    paper: Paper = inline()
+
+    @classmethod
+    def of(cls, name: str, models: Sequence[Model], published: Published | None = None) -> TrainingRow:
+        """The row of ``models``.
+
+        Args:
+            name: of the row.
+            models: one for each seed, all from equally many samples.
+            published: the paper's values of this kind of model.
+        """
+        trainings = [model.training for model in models]
+        success = tuple(model.success for model in models)
+        at_end = tuple(model.success_at_plan_end for model in models)
+        violation, at_knots = tuple(m.violation for m in models), tuple(m.knot_violation for m in models)
+        test_error = tuple(training.test_error for training in trainings)
+        validation_error = tuple(model.validation_error for model in models)
+        seconds = tuple(training.training_seconds for training in trainings)
+        return cls(
+            name=name,
+            samples=trainings[0].samples,
+            seeds=tuple(training.seed for training in trainings),
+            success=success,
+            success_at_plan_end=at_end,
+            reached=tuple(model.reached for model in models),
+            violation=violation,
+            knot_violation=at_knots,
+            test_error=test_error,
+            validation_error=validation_error,
+            training_seconds=seconds,
+            peak_memory_gb=tuple(present(training.peak_memory_gb) for training in trainings),
+            gate_accuracy=tuple(present(training.gate_accuracy) for training in trainings),
+            part_test_errors=tuple(present(training.part_test_errors) for training in trainings),
+            cluster_sizes=tuple(present(training.cluster_sizes) for training in trainings),
+            success_spread=Range.of(success),
+            success_at_plan_end_spread=Range.of(at_end),
+            violation_spread=Range.known(violation),
+            knot_violation_spread=Range.known(at_knots),
+            test_error_spread=Range.of(test_error),
+            validation_error_spread=Range.of(validation_error),
+            training_seconds_spread=Range.of(seconds),
+            paper=Paper.of(published),
+        )
+
+    def with_paper(self, published: Published | None) -> TrainingRow:
+        """The row with the values of ``published``, or unchanged."""
+        return self if published is None else replace(self, paper=Paper.of(published))
+
+    def with_training(self, shipped: Training) -> TrainingRow:
+        """The row with what it lacks, taken from the training of the ``shipped`` model."""
+        known: dict[str, Any] = {
+            "peak_memory_gb": shipped.peak_memory_gb,
+            "gate_accuracy": shipped.gate_accuracy,
+            "part_test_errors": shipped.part_test_errors,
+            "cluster_sizes": shipped.cluster_sizes,
+        }
+        lacking: dict[str, Any] = {name: (value,) for name, value in known.items() if getattr(self, name) is ABSENT}
+        return replace(self, shipped_seed=(shipped.seed,), **lacking)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingComparison(Record):
+    """All trained models of a problem: ``compare_training_<env>.json``.
+
+    Args:
+        settings: of the training.
+        whole: settings of the planners that were trained on all instances, by name.
+        rows: the models of the benchmark.
+        ablation: single networks with other hidden layers.
+        sizes: models from fewer training instances.
+        clusters: sizes of the clusters by partition, in older files.
+        discontinuity: the case of its figure, in older files.
+        figures: what the figures show.
+        env_id: id of the problem.
+        training_key: of the training database.
+        seconds: duration of the run.
+        provenance: of the record.
+    """
+
+    settings: Settings | Absent = ABSENT
+    whole: dict[str, Settings] | Absent = renamed("settings_on_all_problems", ABSENT)
+    rows: tuple[TrainingRow, ...]
+    ablation: tuple[TrainingRow, ...]
+    sizes: tuple[TrainingRow, ...]
+    clusters: dict[str, tuple[int, ...]] | Absent = ABSENT
+    discontinuity: DiscontinuityCase | Absent = renamed("jump", ABSENT)
+    figures: Details | Absent = ABSENT
+    env_id: str
+    training_key: str | Absent = ABSENT
+    seconds: float
+    provenance: Provenance
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingTable(Record):
+    """The paper's table of ways to train, ours next to the paper's: ``table_training.json``.
+
+    Args:
+        quick: whether it is made from few instances.
+        rows: one for each model.
+        provenance: of the record.
+    """
+
+    quick: bool
+    rows: tuple[TrainingRow, ...]
+    provenance: Provenance
+
+
+def _median(spread: Range) -> str:
+    return f"{spread.median:.0f} ({spread.minimum}–{spread.maximum})"
+
+
+def _error(value: float) -> str:
+    """Three decimals; two digits of a value that would be 0.000."""
+    return f"{value:.3f}" if value >= 1e-3 else f"{value:.2g}"
+
+
+def _of_median(form: Callable[[float], str]) -> Callable[[Range], str]:
+    return lambda spread: form(spread.median)
+
+
+#: The table of models: medians over seeds, and their range.
+TRAINING_COLUMNS: tuple[Column[TrainingRow], ...] = (
+    Column("model", lambda row: row.name),
+    Column("training problems", lambda row: row.samples, ","),
+    Column("success, median (range)", lambda row: row.success_spread, _median),
+    Column("paper", lambda row: row.paper.success, "d"),
+    Column("at the plan's end", lambda row: row.success_at_plan_end_spread, _median),
+    Column("mean violation at knots, m", lambda row: row.knot_violation_spread, _of_median("{:.3f}".format)),
+    Column("paper", lambda row: row.paper.violation, ".3f"),
+    Column("… on the whole path", lambda row: row.violation_spread, _of_median("{:.3f}".format)),
+    Column("validation error", lambda row: row.validation_error_spread, _of_median(_error)),
+    Column("paper", lambda row: row.paper.validation_error, _error),
+    Column("test error", lambda row: row.test_error_spread, _of_median("{:.4f}".format)),
+)
