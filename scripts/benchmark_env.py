@@ -25,6 +25,7 @@ from moe_policy.experiments.speed.environments import (
     substeps_of,
     vector_rate,
 )
+from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.problems.vehicle import VEHICLE
@@ -40,7 +41,7 @@ def main() -> None:
     arguments = cli.parser(__doc__, env=None).parse()
     rates = {}
     for name in ocp_envs.names():
-        rates[name] = vector_rate(gym.make_vec(name, num_envs=NUM_ENVS), 50, REPETITIONS)
+        rates[name] = vector_rate(VectorEnv(name, NUM_ENVS), 50, REPETITIONS)
         say(f"{name}: {rates[name]:,.0f} steps/s with {NUM_ENVS:,} environments on one core")
     single = {}
     for how, strip in (("with gym.make's wrappers", False), ("unwrapped", True)):

@@ -11,6 +11,7 @@ cheaper. An interrupted search resumes. Writes ``data_quality_<env>.json``.
 
 from __future__ import annotations
 
+import argparse
 import tempfile
 import time
 from collections.abc import Callable
@@ -77,31 +78,34 @@ def ways_of(
     return ways
 
 
-def main() -> None:
+def parse() -> argparse.Namespace:
     parser = cli.parser(__doc__, data=True, workers=True, cases="instances", default_cases=500)
     parser.add_argument("--cases-from", default="fresh", help="the set they are taken from, such as training")
     parser.add_argument("--guesses", type=cli.positive, default=60, help="guesses of the search for every winding")
     parser.add_argument("--tolerance", type=float, default=TOLERANCE, help="relative excess of cost that counts")
     parser.add_argument("--ways", nargs="+", help="ways that are compared, such as stored; all by default")
-    arguments = parser.parse()
+    return parser.parse()
 
+
+def main() -> None:
+    arguments = parse()
     problem, folder, tolerance = arguments.problem, arguments.data / arguments.problem.id, arguments.tolerance
     databases = {path.stem: Database.open(path, problem) for path in sorted(folder.glob("*.zarr"))}
     cases, stored = draw(problem, databases, arguments.cases_from, arguments.cases)
     ways, targets = ways_of(problem, databases, cases, stored), widened(problem).targets
     if unknown := sorted(set(arguments.ways or ()) - set(ways)):
-        parser.error(f"--ways: no {unknown}; there are {sorted(ways)}")
+        raise SystemExit(f"--ways: no {unknown}; there are {sorted(ways)}")
     began, store = time.perf_counter(), folder / f"exhaustive_{arguments.cases_from}.npz"
     costs = exhaustive(problem, cases, arguments.guesses, arguments.workers, store)
     seconds = time.perf_counter() - began
-    compared, checks = {}, {}
+    compared = {}
     for name in arguments.ways or ways:
         began = time.perf_counter()
         ours = ways[name]()
         compared[name] = compare(ours, costs, cases, targets, tolerance, time.perf_counter() - began)
         say(f"{name}: {compared[name].worse} of {len(cases)} instances more than {tolerance:.1%} above the search")
-    for name, database in databases.items():
-        checks[name] = CheckedDatabase.of(database)
+    checks = {name: CheckedDatabase.of(database) for name, database in databases.items()}
+    for name in checks:
         say(f"{name}: {checks[name].failing} of {checks[name].trajectories} stored trajectories fail the check")
     record = Quality(
         env_id=problem.id,

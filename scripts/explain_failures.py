@@ -10,6 +10,7 @@ where plans are evaluated at their end, before any regulation).
 
 from __future__ import annotations
 
+import argparse
 import os
 import time
 from pathlib import Path
@@ -36,7 +37,7 @@ def path_of(planner: str, env_id: str, models: Path) -> Path:
     return path.with_name(path.name.removesuffix(".json").removesuffix(".safetensors"))
 
 
-def main() -> None:
+def parse() -> argparse.Namespace:
     parser = cli.parser(__doc__, data=True, cases="validation instances")
     parser.add_argument("--planner", default="moe-custom", help="name of a mixture, or a path such as ./mine.json")
     parser.add_argument("--models", type=Path, default=SHIPPED, help="folder in which names are looked up")
@@ -44,7 +45,11 @@ def main() -> None:
         "--at", type=EvaluatedAt, choices=list(EvaluatedAt), default=EvaluatedAt.EVALUATION_TIME, help="when"
     )
     parser.add_argument("--neighbours", type=cli.positive, default=3, help="training samples that are tracked")
-    arguments = parser.parse()
+    return parser.parse()
+
+
+def main() -> None:
+    arguments = parse()
     cli.threads()
 
     began, problem = time.perf_counter(), arguments.problem

@@ -31,11 +31,11 @@ from moe_policy.experiments.failures import Cause, EvaluatedAt, Failure
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import Argmax, MixtureOfExperts
 from moe_policy.planners.stored import StoredPlans
+from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples
-from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.support.arrays import Array, Bools, Ints
@@ -104,8 +104,7 @@ class _Trial:
 
     def episodes(self, p: Array, plan: Trajectory) -> Episodes:
         """Episodes from ``p`` (B, np) in which ``plan`` (B plans) is tracked."""
-        size = min(len(p), BATCH)
-        envs = VectorEnv(self.problem, size, autoreset_mode="Disabled", terminate_at_goal=False, dt=self.dt)
+        envs = environments(self.problem, min(len(p), BATCH), self.dt)
         episodes = rollout(envs, TrackingPolicy(self.problem, StoredPlans(p, plan), self.dt), p)
         envs.close()
         return episodes

@@ -9,7 +9,6 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +18,9 @@ from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import Record
 from moe_policy.experiments.speed.guesses import SolveRow, median_of
 from moe_policy.experiments.tables import Column, duration
-from moe_policy.protocols import Planner
+from moe_policy.protocols import Planner, Policy
 from moe_policy.rollouts.environments import environments
+from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
@@ -169,7 +169,7 @@ def step_rows(
     envs = environments(problem, 1, dt)
     for number, row in enumerate(p):
         for name, policy in policies.items():
-            for part, seconds in _episode(problem, envs, policy, row[None], steps):
+            for part, seconds in _episode(envs, policy, row[None], steps):
                 if number:
                     taken[name, part].append(seconds)
     envs.close()
@@ -185,16 +185,16 @@ def step_rows(
     )
 
 
-def _episode(problem: OptimalControlProblem, envs: Any, policy: Any, p: Array, steps: int) -> list[tuple[str, float]]:
+def _episode(envs: VectorEnv, policy: Policy, p: Array, steps: int) -> list[tuple[str, float]]:
     """Parts of an episode from ``p`` (1, np) with their durations in seconds: "plan", "regulators", each "step"."""
     observation, _ = envs.reset(options={"parameters": p, "extrapolate": True})
-    state: Any = None
+    state: object = None
     taken = []
     if isinstance(policy, TrackingPolicy):
         began = time.perf_counter()
         plan = policy.planner(p)
         planned = time.perf_counter()
-        state = policy.follow(plan, problem.start(p)[1])
+        state = policy.follow(plan, envs.problem.start(p)[1])
         taken += [("plan", planned - began), ("regulators", time.perf_counter() - planned)]
     for step in range(steps):
         began = time.perf_counter()
@@ -234,7 +234,7 @@ def planning_rows(record: Latency) -> tuple[PolicyLatency, ...]:
     return tuple(PolicyLatency(name, plans.get(name), steps.get(name)) for name in dict.fromkeys((*plans, *steps)))
 
 
-def _of_batch(title: str, what: str, batch: int, form: Callable[[Any], str]) -> Column[PolicyLatency]:
+def _of_batch(title: str, what: str, batch: int, form: Callable[[float], str]) -> Column[PolicyLatency]:
     return Column(f"{title}{batch:,}", lambda row: row.at(what, batch), form)
 
 

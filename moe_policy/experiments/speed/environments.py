@@ -6,7 +6,6 @@ import dataclasses
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -117,7 +116,7 @@ def best_time(run: Callable[[], None], repetitions: int) -> float:
     return min(durations)
 
 
-def vector_rate(envs: gym.vector.VectorEnv[Any, Any, Any], steps: int, repetitions: int = 7) -> float:
+def vector_rate(envs: VectorEnv, steps: int, repetitions: int = 7) -> float:
     """Control steps per second, of all environments together.
 
     Args:
@@ -137,7 +136,7 @@ def vector_rate(envs: gym.vector.VectorEnv[Any, Any, Any], steps: int, repetitio
     return envs.num_envs * steps / best_time(run, repetitions)
 
 
-def single_step(env: gym.Env[Any, Any], steps: int = 5000, repetitions: int = 7) -> float:
+def single_step(env: gym.Env[object, object], steps: int = 5000, repetitions: int = 7) -> float:
     """Microseconds of a control step, resets included.
 
     Args:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +12,7 @@ from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments.records import Record, renamed
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import rollout
+from ocp_envs.envs.env import Env
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.provenance import Provenance
@@ -106,7 +106,7 @@ def one_by_one(problem: OptimalControlProblem, planner: Planner, p: Array) -> tu
     """
     began = time.perf_counter()
     policy = TrackingPolicy(problem, planner, DT)
-    env: Any = gym.make(problem.id, dt=DT, terminate_at_goal=False).unwrapped
+    env = Env(problem, dt=DT, terminate_at_goal=False)
     success = []
     for parameter in p:
         observation, _ = env.reset(options={"parameters": parameter})
