@@ -1,43 +1,25 @@
-"""Learning the solutions of parametric optimal control problems, and following what was learnt.
+"""Learning the solutions of parametric optimal control problems, and tracking the plans that were learnt.
 
-Names are imported on first use: rolling out a policy does not load PyTorch, and Stable-Baselines3 may be absent.
+Names are imported on first use: rolling out a policy does not load PyTorch, and Stable-Baselines3 may be absent. The
+public names and their modules are listed in ``__init__.pyi``, which type checkers read.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
+from pathlib import Path
 from typing import Any
 
-_HOME = {
-    "moe_policy.planners.networks": ("Argmax", "MixtureOfExperts", "SingleNetwork", "Softmax"),
-    "moe_policy.learning.architectures": ("Architecture", "Experts"),
-    "moe_policy.planners.scaling": ("Standardizer",),
-    "moe_policy.learning.clustering": ("Labels", "cluster"),
-    "moe_policy.planners.record": ("PartReport", "TrainingReport"),
-    "moe_policy.learning.settings": ("Annealing", "TrainingSettings"),
-    "moe_policy.learning.training": ("fit_mixture", "fit_single"),
-    "moe_policy.learning.joint": ("fit_mixture_jointly", "retrain"),
-    "moe_policy.planners.prediction_error": ("standardised_error", "validation_error"),
-    "moe_policy.planners.nearest": ("NearestPlanner",),
-    "moe_policy.planners.network": ("NetworkPlanner",),
-    "moe_policy.protocols": ("Planner", "Policy", "Schedule"),
-    "moe_policy.planners.solver": ("BatchSolver", "SolverPlanner"),
-    "moe_policy.model_files": ("ModelFileError",),
-    "moe_policy.store": ("UnknownModelError", "available", "load", "load_file"),
-    "moe_policy.rollouts.environments": ("environments",),
-    "moe_policy.rollouts.episodes": ("Episodes",),
-    "moe_policy.rollouts.intervals": ("Proportion",),
-    "moe_policy.rollouts.metrics": ("CostRatio", "Metrics", "evaluate"),
-    "moe_policy.rollouts.rollout": ("rollout",),
-    "moe_policy.control.stabiliser": ("Entered", "Stabilised", "Stabiliser"),
-    "moe_policy.control.tracking": ("Tracking", "TrackingPolicy"),
-    "moe_policy.control.weights": ("TrackingWeights",),
-    "moe_policy.rl.actor": ("LearnedPolicy",),
-    "moe_policy.rl.evaluation": ("Evaluation",),
-    "moe_policy.rl.settings": ("PPOSettings", "SACSettings", "TQCSettings"),
-    "moe_policy.rl.training": ("TrainingRun", "train"),
-}
-_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+def _modules() -> dict[str, str]:
+    """The module of every public name."""
+    stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
+    imports = (node for node in stub.body if isinstance(node, ast.ImportFrom))
+    return {alias.name: str(node.module) for node in imports for alias in node.names}
+
+
+_MODULE_OF = _modules()
 
 __all__ = sorted(_MODULE_OF)
 

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar, overload
 
 from moe_policy.model_files import ModelFile, ModelFileError, read_model
+from moe_policy.protocols import Policy
 from ocp_envs import problems
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.suggestions import did_you_mean
@@ -25,8 +26,9 @@ if TYPE_CHECKING:
     from moe_policy.planners.solver import SolverPlanner
     from moe_policy.rl.actor import LearnedPolicy
 
-    #: What can be loaded: planners of three kinds and policies of two. ``isinstance(model, Policy)`` tells them apart.
-    Model: TypeAlias = NetworkPlanner | NearestPlanner | SolverPlanner | LearnedPolicy | Stabiliser
+    PlannerModel: TypeAlias = NetworkPlanner | NearestPlanner | SolverPlanner
+    PolicyModel: TypeAlias = LearnedPolicy | Stabiliser
+    Model: TypeAlias = PlannerModel | PolicyModel
 
 M = TypeVar("M")
 ProblemOrId = OptimalControlProblem | str
@@ -129,6 +131,38 @@ def load(problem: ProblemOrId, name: str, *, kind: type[M] | None = None) -> Mod
         raise UnknownModelError(f"{problem.id} has no model {name!r}; {did_you_mean(name, names)}there are {names}")
     model = ALWAYS[name](problem) if name in ALWAYS else load_file(SHIPPED / problem.id / name, problem)
     return model if kind is None else _expect(model, kind, name)
+
+
+def load_planner(problem: ProblemOrId, name: str) -> PlannerModel:
+    """A shipped planner: :func:`load` with the types of planners alone.
+
+    Args:
+        problem: a problem or the id of a registered one.
+        name: one of :func:`available`.
+
+    Raises:
+        TypeError: ``name`` is a policy.
+    """
+    model = load(problem, name)
+    if isinstance(model, Policy):
+        raise TypeError(f"{name} is a policy, expected a planner; use load_policy")
+    return model
+
+
+def load_policy(problem: ProblemOrId, name: str) -> PolicyModel:
+    """A shipped policy: :func:`load` with the types of policies alone.
+
+    Args:
+        problem: a problem or the id of a registered one.
+        name: one of :func:`available`.
+
+    Raises:
+        TypeError: ``name`` is a planner.
+    """
+    model = load(problem, name)
+    if not isinstance(model, Policy):
+        raise TypeError(f"{name} is a planner, expected a policy; use load_planner")
+    return model
 
 
 @overload

@@ -30,7 +30,7 @@ def main() -> None:
     arguments = parser.parse()
 
     problem, count, few = arguments.problem, arguments.episodes, arguments.single
-    planner = moe_policy.load(problem.id, arguments.planner)
+    planner = moe_policy.load_planner(problem, arguments.planner)
     p = problem.parameters.draw(np.random.default_rng(arguments.seed), count)
     runs = [(batched(problem, planner, p), one_by_one(problem, planner, p[:few])) for _ in range(arguments.repeats)]
     times = [seconds for (seconds, _), _ in runs]

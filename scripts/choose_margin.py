@@ -43,7 +43,7 @@ def main() -> None:
     optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     row, baseline = run(problem, optimal, samples.parameters, batches=())
     rows = [MarginRow(margin=None, row=row)]
-    planners = [moe_policy.load(problem.id, name) for name in benchmark_of(problem).planners.compared]
+    planners = [moe_policy.load_planner(problem, name) for name in benchmark_of(problem).planners.compared]
     for planner, margin in tqdm([(p, m) for p in planners for m in MARGINS], unit="run", disable=None):
         method = Method(planner.name, WithMargin(problem, planner, parameter, margin))
         row, _ = run(problem, method, samples.parameters, baseline=baseline, batches=())

@@ -97,3 +97,12 @@ def test_a_goal_that_cannot_be_held_has_no_stabiliser():
     assert "stabiliser" not in moe_policy.available(VEHICLE)
     with pytest.raises(UnknownModelError):
         moe_policy.load(VEHICLE, "stabiliser")
+
+
+def test_planners_and_policies_are_told_apart(shipped):
+    assert isinstance(moe_policy.load_planner(PENDULUM, "snn"), NetworkPlanner)
+    assert isinstance(moe_policy.load_policy(PENDULUM, "sac"), LearnedPolicy)
+    with pytest.raises(TypeError, match="sac is a policy, expected a planner; use load_policy"):
+        moe_policy.load_planner(PENDULUM, "sac")
+    with pytest.raises(TypeError, match="optimal is a planner, expected a policy; use load_planner"):
+        moe_policy.load_policy(PENDULUM, "optimal")
