@@ -10,6 +10,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
+
+from moe_policy.rl.features import Float32
+from moe_policy.rl.wrappers import Info
 
 
 class SB3VecEnv(VecEnv):
@@ -26,7 +30,7 @@ class SB3VecEnv(VecEnv):
         ValueError: an environment that restarts by itself.
     """
 
-    def __init__(self, envs: gym.vector.VectorEnv[Any, Any, Any]) -> None:
+    def __init__(self, envs: gym.vector.VectorEnv[Float32, Float32, Any]) -> None:
         mode = envs.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.DISABLED:
             raise ValueError(f'SB3VecEnv needs an environment made with autoreset_mode="Disabled", got {mode}')
@@ -37,7 +41,7 @@ class SB3VecEnv(VecEnv):
 
     # -- running ---------------------------------------------------------------------------------------------------
 
-    def _reset_options_of(self, rows: Iterable[int]) -> dict[str, Any]:
+    def _reset_options_of(self, rows: Iterable[int]) -> Info:
         """The options given for ``rows``, joined: parameters are stacked, anything else must agree."""
         given = [self._options[row] for row in rows]
         if not any(given):
@@ -63,7 +67,7 @@ class SB3VecEnv(VecEnv):
         """Keep ``actions`` (num_envs, nu) for :meth:`step_wait`."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+    def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[Info]]:
         """Observations (num_envs, n), rewards, dones and infos of one step; ended rows have restarted."""
         observations, rewards, terminated, truncated, info = self.envs.step(self._actions)
         infos = self._row_infos(info)
@@ -79,9 +83,9 @@ class SB3VecEnv(VecEnv):
                 self.reset_infos[row] = started[row]
         return observations, np.asarray(rewards, dtype=np.float32), dones, infos
 
-    def _row_infos(self, info: dict[str, Any]) -> list[dict[str, Any]]:
+    def _row_infos(self, info: Info) -> list[Info]:
         """Gymnasium's dictionary of arrays and masks as one dictionary a row."""
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        infos: list[Info] = [{} for _ in range(self.num_envs)]
         for key, values in info.items():
             mask = info.get(f"_{key}")
             if mask is None:
@@ -110,7 +114,7 @@ class SB3VecEnv(VecEnv):
             layer = layer.env
         return layer
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """The attribute ``attr_name`` for each of ``indices``: of an array with a row for each, that row."""
         value = getattr(self._owner(attr_name), attr_name)
         rows = self._get_indices(indices)
@@ -118,16 +122,18 @@ class SB3VecEnv(VecEnv):
             return [value[row] for row in rows]
         return [value for _ in rows]
 
-    def _all_rows(self, what: str, indices: Any) -> None:
+    def _all_rows(self, what: str, indices: VecEnvIndices) -> None:
         if len(set(self._get_indices(indices))) != self.num_envs:
             raise ValueError(f"{what}: the rows are one batched environment; leave indices at None")
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set the attribute ``attr_name`` to ``value``; the ``indices`` must be those of all rows."""
         self._all_rows("set_attr", indices)
         setattr(self.envs.unwrapped, attr_name, value)
 
-    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
+    ) -> list[Any]:
         """Call the method ``method_name`` once with the other arguments; its result for each row.
 
         Args:
@@ -140,7 +146,7 @@ class SB3VecEnv(VecEnv):
         result = getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)
         return [result for _ in range(self.num_envs)]
 
-    def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
+    def env_is_wrapped(self, wrapper_class: type[Any], indices: VecEnvIndices = None) -> list[bool]:
         """Whether a vector wrapper of ``wrapper_class`` is around the environment, for each of ``indices``."""
         layer: Any = self.envs
         while not isinstance(layer, wrapper_class) and layer is not layer.unwrapped:
