@@ -1,7 +1,7 @@
-"""How methods do on plants that differ from the model (:mod:`moe_policy.experiments.perturbations`), level by level.
+"""Methods on plants that differ from the model (:mod:`moe_policy.experiments.perturbations`), level by level.
 
-Planners and policies know the nominal problem only. Every level is a set of arguments of the environments
-(:class:`ocp_envs.Env`), so all run through the common loop.
+Planners and policies know the nominal problem alone. Every level is a set of arguments of the environments
+(:class:`ocp_envs.Env`), so all methods run through the common loop.
 """
 
 from __future__ import annotations
@@ -9,55 +9,178 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 from moe_policy.experiments.methods import Method
+from moe_policy.experiments.perturbations import Perturbation
+from moe_policy.experiments.records import Record, inline
+from moe_policy.experiments.tables import Column, text_table
 from moe_policy.rollouts.environments import environments
-from moe_policy.rollouts.metrics import evaluate
+from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.metrics import Metrics, evaluate
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
-
-#: What is kept of the metrics of a level.
-FIGURES = ("reached", "success", "success_at_plan_end", "left_box", "violation_mean", "knot_violation_mean")
+from ocp_envs.support.provenance import Provenance
 
 
-def level_key(identity: str, arguments: Mapping[str, Any]) -> str:
-    """A short name for what a level's figures depend on.
+@dataclass(frozen=True, kw_only=True)
+class PlantRow(Record):
+    """One method on one plant.
 
     Args:
-        identity: names all but the plant: problem, methods, starts, seed and control period.
-        arguments: of the environment. The nominal plants of all perturbations are one level.
+        name: of the method.
+        reached: episodes that entered the goal ball.
+        success: episodes in the goal ball at the evaluation time.
+        success_at_plan_end: the same at the plan's end, before terminal regulation; ``None`` without a plan.
+        left_box: episodes that left the operating box.
+        violation_mean: mean of the maximum violation of the path constraints on the path, metres; ``None`` without any.
+        knot_violation_mean: the same at the plan's knots; ``None`` without plan or constraints.
+    """
+
+    name: str
+    reached: Proportion
+    success: Proportion
+    success_at_plan_end: Proportion | None
+    left_box: int
+    violation_mean: float | None
+    knot_violation_mean: float | None
+
+    @classmethod
+    def of(cls, name: str, metrics: Metrics) -> Self:
+        """The row of the method ``name`` with ``metrics``."""
+        return cls(
+            name=name,
+            reached=metrics.reached,
+            success=metrics.success,
+            success_at_plan_end=metrics.success_at_plan_end,
+            left_box=metrics.left_box,
+            violation_mean=metrics.violation_mean,
+            knot_violation_mean=metrics.knot_violation_mean,
+        )
+
+    @property
+    def regulation_matters(self) -> bool:
+        """Whether success at the evaluation time differs from success at the plan's end."""
+        return self.success_at_plan_end is not None and self.success_at_plan_end != self.success
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelRow(Record):
+    """One method at one level of a perturbation.
+
+    Args:
+        perturbation: its name.
+        level: in the unit of the perturbation.
+        outcome: of the method on this plant.
+    """
+
+    perturbation: str
+    level: float
+    outcome: PlantRow = inline()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Robustness(Record):
+    """All methods of one problem on all plants: ``robustness_<env>.json``.
+
+    Args:
+        env_id: id of the problem.
+        cases: number of initial conditions.
+        seed: of noise and disturbances.
+        dt: control period, seconds.
+        perturbations: in what the plants differ from the model.
+        rows: one for each perturbation, level and method.
+        cpu_seconds: processor time.
+        provenance: of the record.
+    """
+
+    env_id: str
+    cases: int
+    seed: int
+    dt: float
+    perturbations: tuple[Perturbation, ...]
+    rows: tuple[LevelRow, ...]
+    cpu_seconds: float
+    provenance: Provenance
+
+    @property
+    def methods(self) -> list[str]:
+        """Names of the methods, in the order of the rows."""
+        return list(dict.fromkeys(row.outcome.name for row in self.rows))
+
+    def rows_of(self, perturbation: Perturbation, method: str) -> list[LevelRow]:
+        """The rows of ``method`` for ``perturbation``, one a level."""
+        return [row for row in self.rows if (row.perturbation, row.outcome.name) == (perturbation.name, method)]
+
+    def tables(self) -> str:
+        """Successes of each method by level, as text, with one table for each perturbation."""
+        return "\n".join(self._table(perturbation) for perturbation in self.perturbations)
+
+    def _table(self, perturbation: Perturbation) -> str:
+        lines = [(name, self.rows_of(perturbation, name)) for name in self.methods]
+        columns: list[Column[tuple[str, list[LevelRow]]]] = [
+            Column(f"{perturbation.name}, {perturbation.unit}", lambda line: line[0]),
+            *(Column(f"{level:g}", _successes(i)) for i, level in enumerate(perturbation.levels)),
+        ]
+        return text_table(lines, columns)
+
+
+def _successes(i: int) -> Any:
+    return lambda line: line[1][i].outcome.success.count
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plant(Record):
+    """All methods on one plant, as it is stored between runs.
+
+    Args:
+        arguments: of the environments.
+        rows: one for each method.
+        cpu_seconds: processor time.
+    """
+
+    arguments: object
+    rows: tuple[PlantRow, ...]
+    cpu_seconds: float
+
+
+def plant_key(identity: str, arguments: Mapping[str, Any]) -> str:
+    """A short name for everything that the rows of a plant depend on.
+
+    Args:
+        identity: names everything but the plant: problem, methods, parameters, seed and control period.
+        arguments: of the environment. The nominal plants of all perturbations are one plant.
     """
     told = json.dumps([identity, arguments], sort_keys=True, default=lambda values: values.tolist())
     return hashlib.sha256(told.encode()).hexdigest()[:16]
 
 
-def run_level(
+def run_plant(
     problem: OptimalControlProblem,
     methods: Sequence[Method],
-    starts: Array,
+    parameters: Array,
     arguments: Mapping[str, Any],
     *,
     seed: int = 0,
     dt: float = 0.02,
-) -> list[dict[str, Any]]:
-    """How each method does from ``starts`` (B, np) on one plant: its name and :data:`FIGURES`, a record each.
+) -> tuple[PlantRow, ...]:
+    """Run all methods on one plant.
 
     Args:
-        problem: the nominal problem, which planners plan for.
-        methods: who acts; names must differ.
-        starts: parameters of the episodes.
+        problem: the nominal problem, for which planners plan.
+        methods: what acts; names must differ.
+        parameters: p of the episodes, (B, np).
         arguments: of :meth:`~moe_policy.experiments.perturbations.Perturbation.arguments`.
-        seed: of noise and disturbances. They are drawn for each episode by itself, so that the same episode meets the
-            same draws whoever acts, and at another level the same ones times another factor.
+        seed: of noise and disturbances. They are drawn for each episode separately, so that equal episodes of all
+            methods have the same draws, at another level multiplied by another factor.
         dt: control period, seconds.
     """
     rows = []
     for method in methods:
-        envs = environments(problem, len(starts), dt, **arguments)
+        envs = environments(problem, len(parameters), dt, **arguments)
         envs.reset(seed=seed)  # rollout itself does not seed
-        metrics = evaluate(problem, rollout(envs, method.policy(problem, dt), starts)).record()
+        rows.append(PlantRow.of(method.name, evaluate(problem, rollout(envs, method.policy(problem, dt), parameters))))
         envs.close()
-        rows.append({"name": method.name} | {key: metrics[key] for key in FIGURES})
-    return rows
+    return tuple(rows)

@@ -19,6 +19,7 @@ from moe_policy.experiments.overview import OverviewTable
 from moe_policy.experiments.paper_tables import SummaryTable
 from moe_policy.experiments.quality import Quality
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
+from moe_policy.experiments.robustness import Robustness
 from moe_policy.experiments.seeds import TrainingComparison, TrainingTable
 from moe_policy.experiments.speed.environments import EnvironmentSpeed
 from moe_policy.experiments.speed.generation import GenerationSpeed
@@ -38,6 +39,7 @@ TYPES: dict[str, type[Record]] = {
     "data_[GPQ]*": DataReport,
     "failures_*": Diagnosis,
     "budgets_*": Budgets,
+    "robustness_*": Robustness,
     "search_*": Search,
     "training_*": LearnerTraining,
     "benchmark_env.json": EnvironmentSpeed,
@@ -57,7 +59,6 @@ TYPES: dict[str, type[Record]] = {
 #: Patterns of the files that have no type yet.
 UNTYPED = (
     "compare_splits_*",
-    "robustness_*",
     "splits_*",
 )
 

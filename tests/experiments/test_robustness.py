@@ -2,7 +2,6 @@
 
 import dataclasses
 import importlib
-import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -14,12 +13,14 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import run
-from moe_policy.experiments.figures.robustness import draw_curves, robustness_figure
+from moe_policy.experiments.figures import robustness as figures
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.robustness import FIGURES, level_key, run_level
+from moe_policy.experiments.records import read
+from moe_policy.experiments.robustness import LevelRow, PlantRow, Robustness, plant_key, run_plant
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.sets import reference
+from ocp_envs.support.provenance import provenance
 
 ROOT = Path(__file__).resolve().parents[2]
 STARTS = np.array([[0.5, 0.0], [3.0, 0.4], [5.0, -1.0], [6.0, 1.5]])
@@ -41,72 +42,84 @@ def test_no_perturbation_is_the_plain_rollout(stabiliser):
     starts = ocp_envs.sample(PENDULUM, 3, 60)
     plain, _ = run(PENDULUM, stabiliser[0], starts, batches=())
     for perturbation in benchmark_of(PENDULUM).perturbations:
-        (row,) = run_level(PENDULUM, stabiliser, starts, perturbation.arguments(PENDULUM, 0.0), seed=5)
-        assert row == {key: plain[key] for key in ("name", *FIGURES)}
+        (row,) = run_plant(PENDULUM, stabiliser, starts, perturbation.arguments(PENDULUM, 0.0), seed=5)
+        assert row == PlantRow.of("stabiliser", plain.metrics)
 
 
 def test_the_seed_decides_the_noise(stabiliser):
     starts = ocp_envs.sample(PENDULUM, 3, 60)
     rough = of(PENDULUM, "disturbance").arguments(PENDULUM, 2.0)
-    (first,), (again,), (other,) = (run_level(PENDULUM, stabiliser, starts, rough, seed=s) for s in (0, 0, 999))
+    (first,), (again,), (other,) = (run_plant(PENDULUM, stabiliser, starts, rough, seed=s) for s in (0, 0, 999))
     assert first == again
     assert first != other
-    (calm,) = run_level(PENDULUM, stabiliser, starts, {})
-    assert first["success"]["count"] < calm["success"]["count"]
+    (calm,) = run_plant(PENDULUM, stabiliser, starts, {})
+    assert first.success.count < calm.success.count
 
 
 def test_a_weak_motor_cannot_swing_up(stabiliser):
     """At a tenth of the torque no pendulum gets up; the torque is what changes."""
-    (weak,) = run_level(PENDULUM, stabiliser, STARTS, of(PENDULUM, "torque").arguments(PENDULUM, -90.0))
-    (nominal,) = run_level(PENDULUM, stabiliser, STARTS, {})
-    assert weak["reached"]["count"] < nominal["reached"]["count"]
+    (weak,) = run_plant(PENDULUM, stabiliser, STARTS, of(PENDULUM, "torque").arguments(PENDULUM, -90.0))
+    (nominal,) = run_plant(PENDULUM, stabiliser, STARTS, {})
+    assert weak.reached.count < nominal.reached.count
 
 
-def test_equal_plants_are_one_level():
+def test_equal_plants_are_one():
     keys = [
-        level_key("who", p.arguments(PENDULUM, lv)) for p in benchmark_of(PENDULUM).perturbations for lv in p.levels
+        plant_key("who", p.arguments(PENDULUM, lv)) for p in benchmark_of(PENDULUM).perturbations for lv in p.levels
     ]
     distinct = sum(len(p.levels) - 1 for p in benchmark_of(PENDULUM).perturbations) + 1
     assert len(set(keys)) == distinct
-    assert level_key("another", {}) not in keys
+    assert plant_key("another", {}) not in keys
 
 
 # -- the figure --------------------------------------------------------------------------------------------------------
 
 
-def rows_of(problem, methods, starts, perturbations):
-    return [
-        {"perturbation": p.name, "level": level} | row
-        for p in perturbations
-        for level in (p.levels[0], 0.0, p.levels[-1])
-        for row in run_level(problem, methods, starts, p.arguments(problem, level))
+def a_record(problem, methods, starts, perturbation):
+    levels = sorted({perturbation.levels[0], 0.0, perturbation.levels[-1]})
+    perturbation = dataclasses.replace(perturbation, levels=tuple(levels))
+    rows = [
+        LevelRow(perturbation=perturbation.name, level=level, outcome=row)
+        for level in perturbation.levels
+        for row in run_plant(problem, methods, starts, perturbation.arguments(problem, level))
     ]
+    return Robustness(
+        env_id=problem.id,
+        cases=len(starts),
+        seed=0,
+        dt=0.02,
+        perturbations=(perturbation,),
+        rows=tuple(rows),
+        cpu_seconds=0.0,
+        provenance=provenance(),
+    )
 
 
-def test_curves_show_the_rows(stabiliser):
+def test_curves_and_tables_show_the_rows(stabiliser):
     from matplotlib.figure import Figure
 
-    mass = of(PENDULUM, "mass")
-    rows = rows_of(PENDULUM, stabiliser, STARTS, [mass])
+    record = a_record(PENDULUM, stabiliser, STARTS, of(PENDULUM, "mass"))
+    (mass,) = record.perturbations
     axes = Figure().subplots()
-    draw_curves(axes, rows, ["stabiliser"], "success")
+    figures.draw_panel(axes, record, mass, figures.SUCCESS)
     (line,) = axes.lines  # no dashed one: the stabiliser has no plan
-    np.testing.assert_array_equal(line.get_xdata(), [mass.levels[0], 0.0, mass.levels[-1]])
-    np.testing.assert_allclose(line.get_ydata(), [25 * row["success"]["count"] for row in rows])
+    counts = [row.outcome.success.count for row in record.rows]
+    np.testing.assert_array_equal(line.get_xdata(), mass.levels)
+    np.testing.assert_allclose(line.get_ydata(), [25 * count for count in counts])
+    head, _, row = record.tables().splitlines()
+    assert head.split() == ["mass,", "%", "-30", "0", "30"]
+    assert row.split() == ["stabiliser", *map(str, counts)]
 
 
-def test_the_figure_of_the_obstacle_shows_violations(monkeypatch, tmp_path):
+def test_the_figure_of_the_obstacle_shows_violations(drawn):
     methods = [Method("stabiliser", moe_policy.Stabiliser(QUADCOPTER_OBSTACLE))]
-    perturbations = [of(QUADCOPTER_OBSTACLE, "delay")]
     starts = reference.load(QUADCOPTER_OBSTACLE, "development").parameters[:2]
-    rows = rows_of(QUADCOPTER_OBSTACLE, methods, starts, perturbations)
-    assert all(row["violation_mean"] is not None for row in rows)
-    drawn = []
-    monkeypatch.setattr(
-        "moe_policy.experiments.figures.robustness.draw_curves", lambda *arguments: drawn.append(arguments[-1])
-    )
-    robustness_figure(tmp_path / "r.png", rows, perturbations)
-    assert drawn == ["success", "violation_mean"]
+    delay = of(QUADCOPTER_OBSTACLE, "delay")
+    record = a_record(QUADCOPTER_OBSTACLE, methods, starts, delay)
+    assert all(row.outcome.violation_mean is not None for row in record.rows)
+    axes = drawn(figures.robustness_figure, record).axes
+    assert [axes[0].get_ylabel(), axes[3].get_ylabel()] == ["success, %", "mean violation, m"]
+    np.testing.assert_array_equal(axes[3].lines[0].get_ydata(), [row.outcome.violation_mean for row in record.rows])
 
 
 # -- the script --------------------------------------------------------------------------------------------------------
@@ -144,7 +157,7 @@ def call(script, monkeypatch, tmp_path):
         folders = ("--data", tmp_path / "data", "--results", tmp_path / "results")
         monkeypatch.setattr(sys, "argv", ["compare_robustness", *map(str, (*folders, "--cases", 6, *more))])
         script.main()
-        return json.loads((tmp_path / "results" / f"robustness_{PENDULUM.id}.json").read_text())
+        return read(tmp_path / "results" / f"robustness_{PENDULUM.id}.json", Robustness)
 
     return call
 
@@ -152,19 +165,19 @@ def call(script, monkeypatch, tmp_path):
 def test_an_interrupted_run_goes_on(script, call, monkeypatch, tmp_path):
     first = call()
     pairs = {("mass", -30.0), ("mass", 0.0), ("mass", 30.0), ("disturbance", 0.0), ("disturbance", 2.0)}
-    assert {(row["perturbation"], row["level"], row["name"]) for row in first["rows"]} == {
+    assert {(row.perturbation, row.level, row.outcome.name) for row in first.rows} == {
         (*pair, name) for pair in pairs for name in ("optimal", "stabiliser")
     }
-    assert all(row["success"]["total"] == first["cases"] == 6 for row in first["rows"])
+    assert all(row.outcome.success.total == first.cases == 6 for row in first.rows)
     assert (tmp_path / "results" / f"robustness_{PENDULUM.id}.png").stat().st_size > 1000
     kept = sorted((tmp_path / "data" / "robustness" / PENDULUM.id).iterdir())
     assert len(kept) == 4  # the nominal plant once
     kept[1].unlink()
     runs = []
-    monkeypatch.setattr(script, "run_level", lambda *a, **k: runs.append(a) or run_level(*a, **k))
+    monkeypatch.setattr(script, "run_plant", lambda *a, **k: runs.append(a) or run_plant(*a, **k))
     again = call()
     assert len(runs) == 1
-    assert again["rows"] == first["rows"]
+    assert again.rows == first.rows
     call("--seed", 1)
     assert len(runs) == 5
 
