@@ -106,16 +106,9 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         **unknown: object,
     ) -> None:
         refuse_unknown(Env, unknown)
+        problem = problem_of(problem)
         self.options = options = Options(
-            problem_of(problem),
-            dt,
-            terminate_at_goal,
-            time_limit,
-            constants or {},
-            disturbance,
-            observation_noise,
-            delay,
-            render_mode,
+            problem, dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode
         )
         self.metadata = options.metadata
         self.render_mode = options.render_mode

@@ -6,8 +6,9 @@ import contextlib
 import inspect
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
@@ -65,7 +66,7 @@ class Options:
         dt: length of a control step, s.
         terminate_at_goal: whether an episode ends in the goal ball.
         time_limit: seconds until truncation; the problem's own by default.
-        constants: physical constants of the plant that differ from the problem's, by name.
+        constants: physical constants of the plant that differ from the problem's, by name; kept as a mapping.
         disturbance: standard deviation of the term added to ẋ, a number or (nx,); kept as (nx,).
         observation_noise: standard deviation of the noise on the observed state, a number or (nx,); kept as (nx,).
         delay: control steps by which the control acts late.
@@ -79,13 +80,14 @@ class Options:
     dt: float = 0.02
     terminate_at_goal: bool = True
     time_limit: float | None = None
-    constants: Mapping[str, float] = field(default_factory=dict)
+    constants: Mapping[str, float] | None = None
     disturbance: ArrayLike = 0.0
     observation_noise: ArrayLike = 0.0
     delay: int = 0
     render_mode: str | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "constants", MappingProxyType(dict(self.constants or {})))
         problem = self.simulator.problem  # raises for a bad dt or constant
         limit = problem.time_limit if self.time_limit is None else float(self.time_limit)
         if not (math.isfinite(limit) and limit > 0):
@@ -112,7 +114,7 @@ class Options:
         return frozen_array(np.broadcast_to(values, (len(box),)))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        values = {f.name: getattr(self, f.name) for f in fields(self)} | {"constants": dict(self.constants)}
+        values = {f.name: getattr(self, f.name) for f in fields(self)} | {"constants": dict(self.constants or {})}
         # A problem of the catalogue is pickled by its name: problems hold functions, which cannot be pickled.
         with contextlib.suppress(UnknownProblemError):
             if load(self.problem.id) is self.problem:
@@ -122,7 +124,7 @@ class Options:
     @cached_property
     def simulator(self) -> Simulator:
         """The plant: the problem under ``constants``, shared by equal options."""
-        return _plant(self.problem, tuple(sorted(self.constants.items())), self.dt)
+        return _plant(self.problem, tuple(sorted((self.constants or {}).items())), self.dt)
 
     @property
     def metadata(self) -> Info:

@@ -47,12 +47,11 @@ class Plant:
             rows: indices of the episodes.
             parameters: p of each, (len(rows), np).
         """
-        states, contexts = self.options.problem.start(parameters)
-        self.step.state[rows] = states
-        self.step.context[rows] = contexts
-        self.parameters[rows] = parameters
+        index = ALL if len(rows) == self.rows else rows
+        self.step.state[index], self.step.context[index] = self.options.problem.start(parameters)
+        self.parameters[index] = parameters
         for controls in self._late:
-            controls[rows] = self.options.problem.goal.control
+            controls[index] = self.options.problem.goal.control
 
     def advance(self, controls: Array, rows: Ints, normal: Normal) -> None:
         """Advance episodes by one control step; the results are in ``step``.

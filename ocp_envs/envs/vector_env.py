@@ -65,16 +65,9 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         **unknown: object,
     ) -> None:
         refuse_unknown(VectorEnv, unknown)
+        problem = problem_of(problem)
         self.options = options = Options(
-            problem_of(problem),
-            dt,
-            terminate_at_goal,
-            time_limit,
-            constants or {},
-            disturbance,
-            observation_noise,
-            delay,
-            render_mode,
+            problem, dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode
         )
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
