@@ -19,14 +19,7 @@ LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 @dataclass(frozen=True, kw_only=True)
 class FamilyRow(Record):
-    """A solution family.
-
-    Args:
-        mode: its name.
-        found: instances in which it was found.
-        best: instances in which it is the cheapest.
-        share: that as a fraction of the solved instances.
-    """
+    """Instances in which a solution family was found, and in which it is cheapest, also as a fraction of the solved."""
 
     mode: str
     found: int
@@ -36,13 +29,7 @@ class FamilyRow(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class CostDifferences(Record):
-    """Relative cost differences of the two cheapest solution families.
-
-    Args:
-        problems: instances with two families or more.
-        quantiles: by level; ``None`` without such instances.
-        share_below: fraction of those instances below each of :data:`CLOSE`; ``None`` without any.
-    """
+    """Relative cost differences of the two cheapest families: quantiles by level, and fractions below :data:`CLOSE`."""
 
     problems: int
     quantiles: dict[str, float] | None
@@ -62,13 +49,7 @@ class CostDifferences(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorQuantiles(Record):
-    """Norms of state errors.
-
-    Args:
-        median: 50 % quantile.
-        percent_95: 95 % quantile.
-        largest: maximum.
-    """
+    """Norms of state errors."""
 
     median: float
     percent_95: float = renamed("95_percent")
@@ -77,15 +58,7 @@ class ErrorQuantiles(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class AccuracyReport(Record):
-    """Accuracy of plans against the differential equation (:class:`ocp_envs.solvers.accuracy.Accuracy`).
-
-    Args:
-        cases: number of plans.
-        not_integrable: plans whose controls lead to a state that cannot be integrated.
-        end_in_the_goal_ball: plans whose controls alone end in the goal ball.
-        interval: errors for each interval, in state units and scaled.
-        open_loop: errors at the end of the plan, in state units and scaled.
-    """
+    """Accuracy of plans (:class:`ocp_envs.solvers.accuracy.Accuracy`); errors in state units and scaled."""
 
     cases: int
     not_integrable: int
@@ -96,26 +69,7 @@ class AccuracyReport(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class SplitReport(Record):
-    """What the database of one split holds.
-
-    Args:
-        size: number of instances it was made for.
-        totals: sums over its instances.
-        solves_per_problem: mean number of solves.
-        iterations_per_solve: mean number of iterations.
-        failures_by_kind: failed solves by how they ended; ``None`` where that is unknown.
-        killed_at_most: maximum number of solves that timed out or crashed.
-        unsolved: instances without a trajectory, by how their first solve ended.
-        trajectories: number of stored trajectories.
-        failing: those that fail the independent check.
-        misfiled: those that belong to another family than they are stored for.
-        modes_found: number of instances with 0, 1, … families.
-        families: by solution family.
-        differences: of the costs of the two cheapest families.
-        bytes: size of the files.
-        accuracy: of some plans; ``None`` without solved instances.
-        settings: of the generation, as the database stores them.
-    """
+    """What the database of one split holds, as of :class:`~moe_policy.experiments.data.Contents`."""
 
     size: int
     totals: Totals = inline()
@@ -137,14 +91,7 @@ class SplitReport(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Integration(Record):
-    """How plans were integrated.
-
-    Args:
-        method: name of the integrator.
-        rtol: its relative tolerance.
-        atol: its absolute tolerance.
-        seed: of the choice of plans.
-    """
+    """How plans were integrated; ``seed``: of their choice."""
 
     method: str
     rtol: float
@@ -154,14 +101,7 @@ class Integration(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class DataReport(Record):
-    """What the databases of a problem hold.
-
-    Args:
-        env_id: id of the problem.
-        splits: by name.
-        integration: how plans were integrated.
-        provenance: of the record.
-    """
+    """What the databases of a problem hold, by split."""
 
     env_id: str = renamed("problem")
     splits: dict[str, SplitReport]

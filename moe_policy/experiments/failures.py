@@ -70,25 +70,7 @@ class Failure(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis(Record):
-    """All failures of a mixture.
-
-    Args:
-        env_id: id of the problem.
-        planner: name of the mixture.
-        seed: of its training.
-        samples: number of training samples.
-        clusters: of the samples, as the mixture records them.
-        judged_at: when plans are evaluated.
-        neighbours: number of nearest training samples that are tracked.
-        keys: of the databases, by name.
-        cases: number of instances.
-        unsolved: instances of the validation set without a solution, which are no cases.
-        success: fraction of the instances that succeed.
-        causes: number of failures by cause.
-        failures: each of them.
-        seconds: duration.
-        provenance: of the record.
-    """
+    """All failures of a mixture; ``unsolved``: validation instances without a solution, which are no cases."""
 
     env_id: str
     planner: str

@@ -12,13 +12,7 @@ from ocp_envs.support.provenance import Provenance, peak_memory_gb
 
 @dataclass(frozen=True, kw_only=True)
 class Memory(Record):
-    """Maximum memory in GB.
-
-    Args:
-        parent_gb: of the process that generates.
-        largest_child_gb: of the largest of its descendants.
-        bound_gb: an upper bound of all together.
-    """
+    """Maximum memory in GB: of the process that generates, of its largest descendant, and a bound of all together."""
 
     parent_gb: float
     largest_child_gb: float
@@ -35,17 +29,8 @@ class Memory(Record):
 class SplitGeneration(Record):
     """How the database of one split was generated.
 
-    Args:
-        totals: sums over its instances.
-        seconds: duration of the last run.
-        problems_per_second: instances per second.
-        resumed_from: number of instances that were solved before the last run.
-        workers: number of processes, or of threads of a cluster.
-        cluster: whether it was generated on a Dask cluster.
-        settings: as the database stores them.
-        digest: hash of the database's arrays.
-        memory: maximum so far, without a cluster's workers.
-        provenance: of the record.
+    ``resumed_from``: instances that were solved before the last run, whose duration is ``seconds``; ``workers``:
+    processes, or threads of a cluster, whose memory is not counted.
     """
 
     totals: Totals = inline()
@@ -62,11 +47,7 @@ class SplitGeneration(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Generation(Record):
-    """How the databases of a problem were generated.
-
-    Args:
-        splits: by name.
-    """
+    """How the databases of a problem were generated, by split."""
 
     splits: dict[str, SplitGeneration] = inline()
 

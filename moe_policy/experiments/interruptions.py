@@ -40,13 +40,7 @@ class Kill:
 
 @dataclass(frozen=True, kw_only=True)
 class Killed(Record):
-    """A process that was killed.
-
-    Args:
-        kind: as of :class:`Kill`.
-        chunks: number of chunks that were complete.
-        seconds: since the generation began.
-    """
+    """A process that was killed, the number of chunks that were complete, and the seconds since the beginning."""
 
     kind: str
     chunks: int
@@ -57,13 +51,7 @@ class Killed(Record):
 class Interrupted(Record):
     """A generation whose processes were killed.
 
-    Args:
-        kills: in order.
-        kills_by_kind: their number.
-        starts: how often the generation was started.
-        chunks: complete chunks at the end.
-        chunks_written_again: chunks that were complete when a process was killed, and were written again later.
-        seconds: duration.
+    ``starts``: how often it was started; ``chunks_written_again``: complete chunks that were written after a kill.
     """
 
     kills: tuple[Killed, ...]
@@ -76,20 +64,7 @@ class Interrupted(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Interruptions(Record):
-    """An interrupted generation and an undisturbed one.
-
-    Args:
-        interrupted: the first.
-        digests: of both databases.
-        equal: whether they are equal.
-        reference_seconds: duration of the undisturbed one; ``None`` if it existed before.
-        env_id: id of the problem.
-        split: name of the split; ``None`` for random instances.
-        seed: of the instances without a split, and of the kills.
-        totals: of the interrupted database.
-        settings: of the generation, as the database stores them.
-        provenance: of the record.
-    """
+    """An interrupted generation and an undisturbed one, which took ``reference_seconds`` unless it existed before."""
 
     interrupted: Interrupted = inline()
     digests: dict[str, str]

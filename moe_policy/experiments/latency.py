@@ -34,13 +34,7 @@ BATCHES = (1, 1000)
 
 @dataclass(frozen=True, kw_only=True)
 class PlanRow(Record):
-    """Time of a plan.
-
-    Args:
-        name: of the planner.
-        seconds: for each plan, by size of the batch.
-        ratio: time of the first planner / time of this one, by size of the batch.
-    """
+    """Seconds for each plan, and the time of the first planner / of this one, by size of the batch."""
 
     name: str
     seconds: dict[str, float]
@@ -49,15 +43,7 @@ class PlanRow(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class StepRow(Record):
-    """Times of one method in an episode, medians.
-
-    Args:
-        name: of the method.
-        plan_seconds: a plan; ``None`` for a method that does not plan.
-        regulators_seconds: the gains along it; ``None`` for a method that does not plan.
-        step_seconds: a control step after that.
-        step_share_of_period: that time as a fraction of the control period.
-    """
+    """Median times of one method: a plan and the gains along it (``None`` for a policy), and a control step."""
 
     name: str
     plan_seconds: float | None
@@ -68,17 +54,7 @@ class StepRow(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Latency(Record):
-    """Times of planning, solving and control steps on one problem.
-
-    Args:
-        env_id: id of the problem.
-        cases: number of instances that are solved.
-        dt: control period, seconds.
-        planners: the optimal planner first.
-        solver: by kind of guess, random ones first.
-        steps: by method.
-        provenance: of the record.
-    """
+    """Times of planning (the optimal planner first), solving (from random guesses first) and control steps."""
 
     env_id: str
     cases: int
@@ -211,13 +187,7 @@ def _episode(envs: VectorEnv, policy: Policy, p: Array, steps: int) -> list[tupl
 
 @dataclass(frozen=True)
 class PolicyLatency:
-    """A row of the table of planners and policies, of which a method may have but one.
-
-    Args:
-        name: of the method.
-        plan: time of its plans.
-        step: time of its control steps.
-    """
+    """A row of the table of planners and policies, of which a method may have but one part."""
 
     name: str
     plan: PlanRow | None

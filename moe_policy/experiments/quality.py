@@ -44,14 +44,7 @@ SEED = 303
 
 @dataclass(frozen=True, kw_only=True)
 class MissedOptimum(Record):
-    """An instance whose cost exceeds that of the search.
-
-    Args:
-        parameters: p, np numbers.
-        ours: the cost; ``None`` where it is unsolved.
-        search: that of the search.
-        target: state of the goal at which the search ended.
-    """
+    """An instance whose cost (``None`` where unsolved) exceeds that of the search, which ended at ``target``."""
 
     parameters: tuple[float, ...]
     ours: float | None
@@ -61,17 +54,7 @@ class MissedOptimum(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Way(Record):
-    """One way of solving, compared with the search.
-
-    Args:
-        worse: instances whose cost exceeds that of the search by more than the tolerance.
-        share_worse: that as a fraction of the instances.
-        better: instances whose cost is lower by more than the tolerance.
-        unsolved: instances without a solution.
-        largest_excess: maximum relative excess; ``None`` without instances that both solve.
-        cases: the worse ones.
-        seconds: duration.
-    """
+    """One way of solving, compared with the search: instances that are worse or better by more than the tolerance."""
 
     worse: int
     share_worse: float
@@ -84,14 +67,7 @@ class Way(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Search(Record):
-    """The exhaustive search.
-
-    Args:
-        guesses: number for each winding of the goal.
-        targets: states of the goal.
-        seconds_of_last_run: duration; earlier runs are not counted.
-        seed: of instances and guesses.
-    """
+    """The exhaustive search: number of guesses for each winding, and states of the goal."""
 
     guesses: int = renamed("starts")
     targets: tuple[tuple[float, ...], ...]
@@ -101,13 +77,7 @@ class Search(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedDatabase(Record):
-    """The independent check of every trajectory in a database.
-
-    Args:
-        trajectories: their number.
-        failing: those that fail it.
-        totals: of the database.
-    """
+    """The independent check of every trajectory in a database."""
 
     trajectories: int
     failing: int
@@ -122,18 +92,7 @@ class CheckedDatabase(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Quality(Record):
-    """Data quality of one problem.
-
-    Args:
-        env_id: id of the problem.
-        cases: number of instances.
-        cases_from: database they are taken from, or "fresh".
-        tolerance: relative excess of cost that counts.
-        search: the exhaustive search.
-        ways: of solving, by name.
-        databases: by name.
-        provenance: of the record.
-    """
+    """Data quality of one problem, by way of solving and by database."""
 
     env_id: str = renamed("problem")
     cases: int

@@ -27,17 +27,8 @@ _BLOCK = 500
 class StartTables(Record):
     """How the tables of a problem were made.
 
-    Args:
-        paths: number of paths in the table of paths.
-        fresh: number of paths on which its error is measured.
-        errors: quantiles of the error of interpolated paths, metres.
-        solves_per_second: rate of solving these paths.
-        starts: number of parameters in the table of initial conditions.
-        seed: of these parameters.
-        starts_per_second: rate of drawing them.
-        largest_ratio: maximum ratio of the error of a path to the difference of its two interpolations.
-        mean_tolerance: mean error that is assumed of a path, metres.
-        provenance: of the record.
+    ``errors``: quantiles of the error of interpolated paths on ``fresh`` ones, metres; ``largest_ratio``: of that error
+    to the difference of two interpolations; ``mean_tolerance``: mean error that is assumed of a path, metres.
     """
 
     paths: int | Absent = ABSENT

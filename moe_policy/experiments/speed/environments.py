@@ -28,13 +28,7 @@ SEED, SAMPLES, REGIONS = 707, 5_000, {"whole": 1.0, "middle": 2 / 3}
 
 @dataclass(frozen=True, kw_only=True)
 class StepError(Record):
-    """Norm of the error of the state after one control step, in state units.
-
-    Args:
-        median: over random states and controls.
-        percent_99: 99 % quantile.
-        largest: maximum.
-    """
+    """Norm of the error of the state after one control step, in state units."""
 
     median: float
     percent_99: float = renamed("99_percent")
@@ -43,14 +37,7 @@ class StepError(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Substeps(Record):
-    """One number of Runge-Kutta steps in a control step.
-
-    Args:
-        substeps: the number.
-        chosen: whether the environment uses it.
-        steps_per_second: control steps, of all environments together.
-        error: by region.
-    """
+    """Rate, and error by region, with a number of Runge-Kutta steps in a control step; the environment's is chosen."""
 
     substeps: int
     chosen: bool
@@ -69,13 +56,7 @@ class Substeps(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class SingleStep(Record):
-    """Time of a control step of a single environment, resets included, in microseconds.
-
-    Args:
-        ours: of the pendulum here.
-        theirs: of Gymnasium's pendulum.
-        ratio: ours / theirs.
-    """
+    """Microseconds of a control step, resets included, of the pendulum here and of Gymnasium's, and their ratio."""
 
     ours: float = renamed("PendulumSwingup-v0")
     theirs: float = renamed("Pendulum-v1")
@@ -84,15 +65,7 @@ class SingleStep(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class EnvironmentSpeed(Record):
-    """Speed of the environments on one core.
-
-    Args:
-        num_envs: environments in a batch.
-        steps_per_second: by id of the problem, of all environments together.
-        single_step_microseconds: with and without the wrappers of ``gym.make``.
-        substeps: by id of the problem.
-        provenance: of the record.
-    """
+    """Speed on one core: by id of the problem, single steps with and without the wrappers of ``gym.make``."""
 
     num_envs: int
     steps_per_second: dict[str, float]

@@ -44,17 +44,7 @@ CHANGES: tuple[dict[str, float], ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class SettingsRow(Record):
-    """Generation with one choice of settings.
-
-    Args:
-        settings: as the database stores them.
-        seconds: duration.
-        problems_per_second: instances per second.
-        totals: of the database.
-        solves_per_problem: solves for each instance.
-        missed: instances whose optimum was missed.
-        rate_to_default: instances per second / those with the default settings.
-    """
+    """Generation with one choice of settings; ``missed``: instances whose optimum was missed."""
 
     settings: object
     seconds: float
@@ -67,16 +57,7 @@ class SettingsRow(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class GenerationSpeed(Record):
-    """Generation of the same instances with different settings.
-
-    Args:
-        env_id: id of the problem.
-        problems: number of instances.
-        seed: of the instances.
-        tolerance: relative excess of cost from which an optimum counts as missed.
-        rows: by name of the settings.
-        provenance: of the record.
-    """
+    """Generation of the same instances with different settings, by name."""
 
     env_id: str = renamed("problem")
     problems: int
@@ -97,14 +78,7 @@ def settings_by_name() -> dict[str, GenerationSettings]:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """One generation.
-
-    Args:
-        settings: as the database stores them.
-        seconds: duration.
-        totals: of the database.
-        cost: lowest cost of every instance, (B,); +inf where it is unsolved.
-    """
+    """One generation; ``cost``: the lowest cost of every instance, (B,), +inf where it is unsolved."""
 
     settings: object
     seconds: float

@@ -33,18 +33,9 @@ Guess = Callable[[Array], tuple[Ints, Trajectory, Ints]]
 class SolveRow(Record):
     """Solves from one kind of guess.
 
-    Args:
-        name: of the guess.
-        problems: number of instances.
-        solves: one or more for each instance.
-        verified: solves with a verified solution.
-        hung: solves that hung.
-        solved_problems: instances with a solution.
-        best_known: instances whose cheapest solution costs no more than the best known one.
-        iterations_median: over the verified solves; ``None`` without any.
-        milliseconds_median: over the verified solves; ``None`` without any.
-        seconds_per_problem: wall time for each instance, guesses, hung solves and checks included.
-        ratio: that time from the first kind of guess / from this one.
+    ``best_known``: instances whose cheapest solution costs no more than the best known one. ``seconds_per_problem``:
+    wall time for each instance, guesses, hung solves and checks included; ``ratio``: that from the first kind / from
+    this one. Medians are over verified solves, ``None`` without any.
     """
 
     name: str

@@ -23,13 +23,7 @@ DT = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class Batched(Record):
-    """Seconds of a batched rollout.
-
-    Args:
-        planning: of all plans.
-        tracking_setup: of the gains along them.
-        whole: of the rollout, planning and gains included.
-    """
+    """Seconds of a batched rollout: of all plans, of the gains along them, and of the whole."""
 
     planning: float
     tracking_setup: float
@@ -38,23 +32,9 @@ class Batched(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class RolloutSpeed(Record):
-    """Batched rollouts of one planner against episodes one by one.
+    """Batched rollouts of one planner against episodes one by one: medians over ``repeats`` interleaved runs.
 
-    Args:
-        env_id: id of the problem.
-        planner: its name.
-        episodes: of the batched rollout.
-        dt: control period, seconds.
-        seed: of the initial conditions.
-        repeats: runs of each, interleaved, whose median counts.
-        successes: of the batched rollout.
-        batched_seconds: medians.
-        batched_seconds_per_episode: of the whole rollout.
-        single_episodes: of the loop over single environments.
-        single_seconds_per_episode: of that loop.
-        ratio: time of an episode alone / its time in the batch.
-        same_successes: whether both succeed in the same episodes.
-        provenance: of the record.
+    ``ratio``: time of an episode alone / its time in the batch.
     """
 
     env_id: str = renamed("problem")

@@ -39,17 +39,7 @@ Solve = Callable[[Array, Trajectory, Ints], Solutions]
 
 @dataclass(frozen=True, kw_only=True)
 class Rate(Record):
-    """Rate and statistics of one solver with one kind of guess.
-
-    Args:
-        verified: solves with a verified solution.
-        seconds: of all solves.
-        verified_per_second: their ratio.
-        iterations_median: over the verified ones.
-        milliseconds_median: over the verified ones.
-        statuses: number of solves by how they ended.
-        cost_sum: over the verified ones.
-    """
+    """Rate of one solver with one kind of guess; medians and sum over the solves with a verified solution."""
 
     verified: int
     seconds: float
@@ -62,14 +52,7 @@ class Rate(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison(Record):
-    """All solvers with one kind of guess.
-
-    Args:
-        ours: the solver of this package.
-        opti: CasADi's ``Opti`` with IPOPT.
-        opti_expanded: the same on expanded functions.
-        ratio_to_the_better: rate of ours / the larger rate of the two others.
-    """
+    """All solvers with one kind of guess; ratio: rate of ours / the larger rate of the two others."""
 
     ours: Rate
     opti: Rate
@@ -90,20 +73,9 @@ class Comparison(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class SolverSpeed(Record):
-    """The solver of this package against ``Opti`` on one problem.
+    """The solver of this package against ``Opti`` on one problem, by kind of guess.
 
-    Args:
-        env_id: id of the problem.
-        seed: of parameters and guesses.
-        parameters: number of instances.
-        rounds: the fastest of so many counts.
-        solves: number of solves in a round, one for every winding of the goal of every instance.
-        tolerance: of both solvers.
-        stored: solved instances from which warm starts are taken.
-        start_seconds: start and compilation of the solver of this package.
-        line, cold, warm, fit: by kind of guess.
-        plain: the highest rate of ours / the highest rate of ``Opti`` without a warm start.
-        provenance: of the record.
+    ``solves``: one for every winding of the goal of every instance; ``plain``: :func:`plain_ratio`.
     """
 
     env_id: str = renamed("problem")
