@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -64,14 +63,6 @@ class Metrics:
     def relative_cost(self) -> float | None:
         """Cost / cost of the baseline; ``None`` without one, or where the two never reach the goal together."""
         return None if self.cost_ratio is None else self.cost_ratio.ratio
-
-    def record(self) -> dict[str, Any]:
-        """As JSON: fractions with their intervals, absent metrics as ``None``."""
-        record = asdict(self)
-        for name in ("reached", "success", "success_at_plan_end"):
-            found: Proportion | None = getattr(self, name)
-            record[name] = None if found is None else found.to_json()
-        return record
 
 
 def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episodes | None = None) -> Metrics:

@@ -79,7 +79,7 @@ def test_curves_round_an_obstacle_are_of_violations():
 
 
 def test_metrics_are_those_of_the_rows():
-    row = evaluate(VEHICLE, episodes()).record()
+    row = vars(evaluate(VEHICLE, episodes()))
     for problem in (PENDULUM, VEHICLE, QUADCOPTER_OBSTACLE):
         assert set(metrics_of(problem)) <= set(row)
     assert list(metrics_of(VEHICLE)) == ["success"]  # judged at the plan's end: there is no hold
@@ -123,7 +123,7 @@ def test_separations_of_means_are_those_of_their_intervals():
 
 
 def test_the_table_has_a_column_for_each_split_and_figure_that_is_there():
-    row = evaluate(PENDULUM, episodes(4, success=[True, True, True, False])).record()
+    row = {"success": evaluate(PENDULUM, episodes(4, success=[True, True, True, False])).success.to_json()}
     text = markdown_table([{"name": "sac", "uniform": row, "outside": row}], SPLIT_COLUMNS)
     head, _, line = text.splitlines()
     assert head == "| policy | uniform: success | outside: success |"

@@ -1,6 +1,4 @@
-"""Figures against closed forms and counts by hand."""
-
-import json
+"""Metrics against closed forms and counts by hand."""
 
 import numpy as np
 import pytest
@@ -31,7 +29,7 @@ def episodes(size=4, **values):
     return Episodes(**{**defaults, **{k: np.asarray(v) for k, v in values.items()}})
 
 
-def test_figures_of_a_planning_policy():
+def test_metrics_of_a_planning_policy():
     run = episodes(
         5,
         success=[True, True, False, True, False],
@@ -51,13 +49,10 @@ def test_figures_of_a_planning_policy():
     assert metrics.cost_ratio is None
 
 
-def test_figures_of_a_policy_without_a_plan_are_absent():
+def test_metrics_of_a_policy_without_a_plan_are_absent():
     metrics = evaluate(DOUBLE_INTEGRATOR, episodes())
     assert metrics.success_at_plan_end is None
     assert metrics.plan_end_error_median is None
-    record = json.loads(json.dumps(metrics.record()))
-    assert record["success"]["count"] == 4
-    assert record["success_at_plan_end"] is None
 
 
 def test_violations_are_reported_where_there_are_constraints():
