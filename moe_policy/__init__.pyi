@@ -37,6 +37,7 @@ from moe_policy.protocols import PlanningPolicy as PlanningPolicy
 from moe_policy.protocols import Policy as Policy
 from moe_policy.protocols import Schedule as Schedule
 from moe_policy.rl.actor import Actor as Actor
+from moe_policy.rl.actor import Held as Held
 from moe_policy.rl.actor import LearnedPolicy as LearnedPolicy
 from moe_policy.rl.evaluation import Evaluation as Evaluation
 from moe_policy.rl.evaluation import Performance as Performance

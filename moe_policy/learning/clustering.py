@@ -1,8 +1,8 @@
-"""Partition of samples by the family their optimal trajectory belongs to (Tang & Hauser, section III-D).
+"""Partition of samples by the solution family of their optimal trajectory (Tang & Hauser, section III-D).
 
-The partition is made of solutions, not of parameters: the jumps one wants to find are in the map from one to the other.
+Solutions are clustered, not parameters: the map from parameters to solutions is what has discontinuities.
 
-- ``custom``: the problem's own modes (final winding, direction of travel, side of the obstacle).
+- ``custom``: the problem's own solution families (final winding, direction of travel, side of the obstacle).
 - ``kmeans``: k-means on flat trajectories, every component standardised.
 - ``kmeans-pca``: the same after a projection on the principal components of the standardised trajectories.
 """
@@ -24,7 +24,7 @@ from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.support.suggestions import did_you_mean
 
 METHODS = ("custom", "kmeans", "kmeans-pca")
-#: k-means finds its centres on as many samples at most, random ones; the others join the nearest.
+#: k-means fits its centres to at most this many random samples; the others join the nearest centre.
 FITTED = 150_000
 
 
@@ -34,9 +34,9 @@ class Labels:
 
     Args:
         values: cluster of every sample, (M,) integers in 0 … k−1, none empty.
-        names: name of every cluster, k of them.
-        method: how it was made, one of :data:`METHODS` or a name of the user's own.
-        settings: what it was made with, for the record.
+        names: k names, one for each cluster.
+        method: how it was made, one of :data:`METHODS` or a name chosen by the user.
+        settings: arguments of the method, for the record.
     """
 
     values: NDArray[np.int64]
@@ -85,10 +85,10 @@ def cluster(
     Args:
         database: a Database or its samples, M of them.
         method: ``"custom"``, ``"kmeans"`` or ``"kmeans-pca"``.
-        k: number of clusters, for k-means; ``custom`` has those of the problem's modes that occur.
+        k: number of clusters, for k-means; ``custom`` has those of the problem's solution families that occur.
         components: number of principal components, for ``kmeans-pca``.
-        seed: source of k-means' initial centres.
-        n_init: number of starts of k-means, the best of which is kept.
+        seed: of the initial centres of k-means.
+        n_init: number of runs of k-means, the best of which is kept.
 
     Raises:
         ValueError: an unknown method, or arguments that do not belong to it.

@@ -1,8 +1,8 @@
-"""A planner that keeps a margin: it is asked for the plan of a harder problem nearby, say round a larger sphere.
+"""A planner that keeps a margin: it plans for a harder instance nearby, for example round a larger sphere.
 
-A network's plans are off by some centimetres, and an optimal plan touches its constraint, so nearly every plan of a
-network enters the sphere a little. The cure that Tang & Hauser (2019) name is a margin on the modelled obstacle; it
-costs what the detour costs.
+A network's plans are off by some centimetres, and an optimal plan touches its constraint, so that nearly every plan of
+a network enters the sphere a little. The remedy that Tang & Hauser (2019) name is a margin on the modelled obstacle; it
+costs as much as the longer way.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ class WithMargin:
     Beyond the parameter box the planner extrapolates.
 
     Args:
-        problem: the problem.
-        planner: what plans.
+        problem: what is planned for.
+        planner: the planner.
         parameter: name of the parameter that is enlarged, such as ``"radius"``.
         margin: by how much, in the parameter's unit.
         name: short name for tables; by default that of the planner with the margin.
 
     Raises:
-        ValueError: no such parameter, one that is part of the start state, or a margin that is not finite.
+        ValueError: no such parameter, one that is part of the initial state, or a margin that is not finite.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class WithMargin:
         if parameter not in problem.context.names or parameter not in problem.parameters.names:
             raise ValueError(
                 f"{problem.id}: expected a parameter of the context {problem.context.names}, got {parameter!r}; "
-                "another start would be another task"
+                "with another initial state the plan would not begin where it should"
             )
         if not math.isfinite(margin):
             raise ValueError(f"the margin must be finite, got {margin}")
@@ -48,5 +48,5 @@ class WithMargin:
         self._shift = margin * (np.array(problem.parameters.names) == parameter)
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters (B, np) or (np,)."""
+        """Plans of parameters ``p`` (B, np) or (np,), made for the parameters with the margin added."""
         return self.planner(self.problem.check_parameters(p, extrapolate=True) + self._shift)

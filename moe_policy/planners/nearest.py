@@ -30,18 +30,26 @@ class NearestPlanner:
         self._stored = Neighbours(self.problem.parameters, self.parameters)
 
     def samples(self) -> Samples:
-        """What is stored, as samples to learn or to start from."""
+        """What is stored, as samples to learn from or for warm starts."""
         return Samples.of(self.problem, self.parameters, self.trajectory, self.mode)
 
     def neighbours(self, p: ArrayLike, k: int = 1) -> NDArray[np.int64]:
-        """Rows of the ``k`` nearest stored parameters, nearest first, (B, k)."""
+        """Rows of the nearest stored parameters, nearest first, (B, k).
+
+        Args:
+            p: parameters (B, np) or (np,).
+            k: number of neighbours.
+
+        Raises:
+            ValueError: more neighbours than stored samples, or unusable parameters.
+        """
         if not 1 <= k <= len(self.parameters):
             raise ValueError(f"k must lie in 1 … {len(self.parameters)}, the number of stored samples; got {k}")
         checked = self.problem.check_parameters(p, extrapolate=True)
         return self._stored.nearest(checked, k)[1]
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters (B, np) or (np,)."""
+        """Plans of parameters ``p`` (B, np) or (np,)."""
         return self.trajectory[self.neighbours(p)[:, 0]]
 
     @property
@@ -55,7 +63,11 @@ class NearestPlanner:
         return len(self.problem.parameters) + self.problem.flat_size
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write ``<path>.safetensors`` and ``<path>.json``; trajectories in float32, parameters in float64."""
+        """Write ``<path>.safetensors`` and ``<path>.json``; trajectories in float32, parameters in float64.
+
+        Args:
+            path: with or without one of the two suffixes.
+        """
         tensors: dict[str, NDArray[Any]] = {
             "parameters": self.parameters,
             "trajectories": self.trajectory.flat().astype(np.float32),
@@ -65,7 +77,12 @@ class NearestPlanner:
 
 
 def read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlanner:
-    """The planner that :meth:`NearestPlanner.save` wrote."""
+    """The planner that :meth:`NearestPlanner.save` wrote.
+
+    Args:
+        file: its files.
+        problem: what it plans for.
+    """
     parameters = file.tensors["parameters"]
     trajectory = problem.unflatten(file.tensors["trajectories"])
     stored = Samples.of(problem, parameters, trajectory, file.tensors["modes"])

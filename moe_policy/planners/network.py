@@ -1,7 +1,7 @@
 """Networks as planners p → Trajectory.
 
-A plan is returned as it was predicted: its duration is not clipped to the problem's bounds and its first state need not
-be the start. Whoever follows a plan decides what to do about that.
+A plan is returned as it was predicted: its duration is not clipped to the problem's bounds, and its first state need
+not be the initial state. The policy that tracks the plan deals with both.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class NetworkPlanner:
         return self.problem.unflatten(flat)
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters (B, np) or (np,), a batch of B or of one.
+        """Plans of parameters ``p`` (B, np) or (np,), a batch of B or of one.
 
         Raises:
             ValueError: wrong shape, or a value that is not finite. Values outside the parameter box are extrapolated.
@@ -103,14 +103,28 @@ class NetworkPlanner:
         return self.network
 
     def gate(self, p: ArrayLike) -> tuple[NDArray[np.int64], Array]:
-        """The chosen expert (B,), and the gate's probabilities softmax(c) (B, r)."""
+        """The chosen expert (B,), and the gate's probabilities softmax(c) (B, r).
+
+        Args:
+            p: parameters (B, np) or (np,).
+
+        Raises:
+            TypeError: a single network.
+        """
         x = self._scaled(p)
         with torch.inference_mode():
             logits = self._mixture.gate(x)
             return logits.argmax(dim=1).numpy(), torch.softmax(logits.double(), dim=1).numpy()
 
     def experts(self, p: ArrayLike) -> tuple[Trajectory, ...]:
-        """The plans of every expert, r batches of B."""
+        """The plans of every expert, r batches of B.
+
+        Args:
+            p: parameters (B, np) or (np,).
+
+        Raises:
+            TypeError: a single network.
+        """
         x = self._scaled(p)
         with torch.inference_mode():
             return tuple(self._trajectory(outputs) for outputs in self._mixture.all_experts(x))
@@ -132,7 +146,11 @@ class NetworkPlanner:
     # -- files -----------------------------------------------------------------------------------------------------
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write ``<path>.safetensors`` and ``<path>.json``."""
+        """Write ``<path>.safetensors`` and ``<path>.json``.
+
+        Args:
+            path: with or without one of the two suffixes.
+        """
         network = self.network
         if isinstance(network, MixtureOfExperts):
             sizes: dict[str, Any] = {"gate": network.gate.sizes, "experts": [e.sizes for e in network.experts]}
@@ -151,7 +169,12 @@ class NetworkPlanner:
 
 
 def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlanner:
-    """The planner that :meth:`NetworkPlanner.save` wrote."""
+    """The planner that :meth:`NetworkPlanner.save` wrote.
+
+    Args:
+        file: its files.
+        problem: what it plans for.
+    """
     sizes, tensors = file.description["sizes"], file.tensors
     network: SingleNetwork | MixtureOfExperts
     if "single" in sizes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
 
 
 @dataclass(frozen=True)
@@ -12,12 +11,14 @@ class PartReport:
 
     Args:
         name: ``"single"``, ``"gate"``, ``"expert 0"`` …, ``"mixture"``.
-        training_samples, test_samples: sizes of its splits.
-        training_losses, test_losses: mean loss of every epoch.
+        training_samples: size of its training split.
+        test_samples: size of its test split.
+        training_losses: mean loss over the training split of every epoch, while the weights change.
+        test_losses: mean loss over the test split after every epoch.
         best_epoch: the epoch (from 0) whose weights were kept.
         test_loss: their loss on the test split: smooth L1 on standardised outputs, cross entropy for a gate.
-        seconds: wall time.
-        accuracy: a gate's share of correct choices on the test split.
+        seconds: wall time of its epochs.
+        accuracy: a gate's fraction of correct choices on the test split.
     """
 
     name: str
@@ -35,7 +36,7 @@ class PartReport:
         """Epochs that were run."""
         return len(self.test_losses)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """The record without its curves."""
         record = asdict(self)
         del record["training_losses"], record["test_losses"]
@@ -60,7 +61,7 @@ class TrainingReport:
         return sum(part.seconds for part in self.parts)
 
     def part(self, name: str) -> PartReport:
-        """The part called ``name``.
+        """The part called ``name``, one of the reports' names.
 
         Raises:
             KeyError: no such part.
@@ -70,7 +71,7 @@ class TrainingReport:
                 return part
         raise KeyError(f"no part {name!r}; there are {[part.name for part in self.parts]}")
 
-    def summary(self) -> dict[str, Any]:
-        """What is saved with a model."""
+    def summary(self) -> dict[str, object]:
+        """The record that is saved with a model, as JSON."""
         parts = [part.summary() for part in self.parts]
         return {"test_error": self.test_error, "seconds": self.seconds, "parts": parts}

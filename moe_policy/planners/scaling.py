@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 from ocp_envs.support.arrays import Array
 
 SMALLEST_DEVIATION = 1e-3
-#: Rows that are worked on at once: in double precision they need not all fit in memory.
+#: Rows that are processed at once: not all need fit in memory in double precision.
 BLOCK = 20_000
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """``count`` rows, :data:`BLOCK` at a time."""
+    """Slices that cover ``count`` rows, :data:`BLOCK` at a time."""
     return (slice(begin, min(begin + BLOCK, count)) for begin in range(0, count, BLOCK))
 
 
@@ -51,7 +51,10 @@ class Standardizer:
 
     @classmethod
     def fit(cls, values: ArrayLike) -> Standardizer:
-        """The standardizer of the rows of ``values`` (M, n), M ≥ 1: the training split, never all data.
+        """The standardiser of rows.
+
+        Args:
+            values: (M, n), M ≥ 1; the training split, never all data.
 
         Raises:
             ValueError: no rows, not two axes, or a value that is not finite.
@@ -89,9 +92,9 @@ class Standardizer:
         return array
 
     def scale(self, values: ArrayLike) -> Array:
-        """Standardised values, (..., n) → (..., n)."""
+        """Standardised ``values``, (..., n) → (..., n)."""
         return (self._checked(values) - self.mean) / self.std
 
     def unscale(self, values: ArrayLike) -> Array:
-        """The inverse of :meth:`scale`, (..., n) → (..., n)."""
+        """The inverse of :meth:`scale` at ``values``, (..., n) → (..., n)."""
         return self._checked(values) * self.std + self.mean

@@ -1,4 +1,4 @@
-"""A planner that uses the symmetry of its problem, of which a trained network knows nothing."""
+"""A planner that uses the symmetry of its problem, which a trained network does not respect exactly."""
 
 from __future__ import annotations
 
@@ -14,15 +14,14 @@ AGREEMENT = 0.5
 
 
 class Symmetrised:
-    """The mean of a plan and of the mirror image of the plan of the mirrored problem.
+    """The mean of a plan and of the mirror image of the plan for the mirrored instance.
 
-    Both are predictions of the same trajectory, and their errors are not the same. Where they are further apart than
-    predictions of one trajectory are, they belong to different families, between which a mean is of no use: there the
-    first one is the plan.
+    Both predict the same trajectory, with different errors. Where they differ by more than such errors, they belong to
+    different solution families, whose mean is not a plan; there the first one is taken.
 
     Args:
         problem: a problem with a ``symmetry``.
-        planner: what plans.
+        planner: the planner.
         name: short name for tables; by default that of the planner and of the symmetry.
 
     Raises:
@@ -36,7 +35,7 @@ class Symmetrised:
         self.name = name or f"{getattr(planner, 'name', 'planner')}, {self.symmetry.name}"
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters (B, np) or (np,)."""
+        """Plans of parameters ``p`` (B, np) or (np,)."""
         problem, symmetry = self.problem, self.symmetry
         parameters = problem.check_parameters(p, extrapolate=True)
         states, contexts = problem.start(parameters)
