@@ -41,8 +41,9 @@ def main() -> None:
     for name, path in paths.items():
         sets_of(problem).split(name)  # raises, with the nearest split, where there is none
         database = Database.open(path, problem)
-        held, accuracy = contents(database), accuracy_of(database, arguments.accuracy_cases, SEED)
-        reports[name], splits[name] = (held, accuracy), held.report(accuracy, database.settings)
+        accuracy = accuracy_of(database, arguments.accuracy_cases, SEED)
+        held = contents(database, accuracy)
+        reports[name], splits[name] = (held, accuracy), held.report
     say(text(f"{problem.id}: {problem.title}", splits))
     integration = Integration(method="DOP853", rtol=RTOL, atol=ATOL, seed=SEED)
     path = arguments.results / f"data_{problem.id}.json"

@@ -5,7 +5,6 @@ A database stores *how many* solves of an instance failed, not how each of them 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +13,6 @@ from moe_policy.experiments.data_report import AccuracyReport, CostDifferences, 
 from moe_policy.experiments.totals import Totals
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import StoredRows
-from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.solvers.accuracy import Accuracy, accuracy
 from ocp_envs.solvers.check import verify
@@ -30,76 +28,17 @@ class Contents:
     """What a database holds.
 
     Args:
-        problem: the problem.
-        size: number of instances it was made for.
-        totals: sums over its instances.
-        unsolved: instances without a trajectory, by how their first solve ended.
-        killed_at_most: solves that ended in a time-out or a crash: each is a failure, and went to the fallback.
-        failing: stored trajectories that fail the independent check.
-        misfiled: stored trajectories of another family than that of their slot.
-        modes_found: number of instances in which 0, 1, … families were found, (modes + 1,).
-        found, best: number of instances in which a family was found, and in which it is the cheapest, (modes,).
+        report: its record.
         differences: (second − best) / |best| of the instances with at least two families.
-        bytes: size of the files.
     """
 
-    problem: OptimalControlProblem
-    size: int
-    totals: Totals
-    unsolved: Mapping[str, int]
-    killed_at_most: int
-    failing: int
-    misfiled: int
-    modes_found: Ints
-    found: Ints
-    best: Ints
+    report: SplitReport
     differences: Array
-    bytes: int
-
-    @property
-    def trajectories(self) -> int:
-        """Number of stored trajectories."""
-        return int(self.found.sum())
-
-    @property
-    def failures_by_kind(self) -> dict[str, int] | None:
-        """Failed solves by how they ended; ``None`` where that is unknown, which is wherever there are any."""
-        return None if self.totals.failures else {kind.name: 0 for kind in FAILURES}
-
-    def report(self, accuracy: Accuracy | None, settings: object) -> SplitReport:
-        """The record of a split.
-
-        Args:
-            accuracy: of some of its plans.
-            settings: of the generation, as the database stores them.
-        """
-        totals, solved = self.totals, max(self.totals.solved, 1)
-        return SplitReport(
-            size=self.size,
-            totals=totals,
-            solves_per_problem=totals.solves / max(totals.problems, 1),
-            iterations_per_solve=totals.iterations / max(totals.solves, 1),
-            failures_by_kind=self.failures_by_kind,
-            killed_at_most=self.killed_at_most,
-            unsolved=dict(self.unsolved),
-            trajectories=self.trajectories,
-            failing=self.failing,
-            misfiled=self.misfiled,
-            modes_found=tuple(self.modes_found.tolist()),
-            families=tuple(
-                FamilyRow(mode=name, found=found, best=best, share=best / solved)
-                for name, found, best in zip(self.problem.modes.names, self.found.tolist(), self.best.tolist())
-            ),
-            differences=CostDifferences.of(self.differences),
-            bytes=self.bytes,
-            accuracy=None if accuracy is None else AccuracyReport.from_json(accuracy.record()),
-            settings=settings,
-        )
 
 
 @dataclass(frozen=True, eq=False)
 class _Block:
-    """The same of some rows; ``statuses`` (Status,) counts instances by how their first solve ended."""
+    """Statistics of some rows: arrays count instances by number of families, by family and by :class:`Status`."""
 
     failing: int
     misfiled: int
@@ -130,24 +69,43 @@ def _block(database: Database, where: slice, rows: StoredRows) -> _Block:
     )
 
 
-def contents(database: Database) -> Contents:
-    """The statistics of ``database``, of which some thousand instances at a time are read and checked."""
+def contents(database: Database, accuracy: Accuracy | None = None) -> Contents:
+    """The statistics of ``database``, of which some thousand instances at a time are read and checked.
+
+    Args:
+        database: the database.
+        accuracy: of some of its plans, for the record.
+    """
     blocks = [_block(database, where, rows) for where, rows in database.blocks()]
-    statuses = np.sum([block.statuses for block in blocks], axis=0)
-    return Contents(
-        problem=database.problem,
+    modes_found, found, best, statuses = (
+        np.sum([getattr(block, name) for block in blocks], axis=0).tolist()
+        for name in ("modes_found", "found", "best", "statuses")
+    )
+    totals, differences = Totals.of(database), np.concatenate([block.differences for block in blocks])
+    families = zip(database.problem.modes.names, found, best)
+    report = SplitReport(
         size=len(database),
-        totals=Totals.of(database),
-        unsolved={kind.name: int(statuses[kind]) for kind in Status if kind is not Status.SOLVED},
+        totals=totals,
+        solves_per_problem=totals.solves / max(totals.problems, 1),
+        iterations_per_solve=totals.iterations / max(totals.solves, 1),
+        # It is not stored how solves failed, but known where none did.
+        failures_by_kind=None if totals.failures else {kind.name: 0 for kind in FAILURES},
         killed_at_most=sum(block.killed for block in blocks),
+        unsolved={kind.name: statuses[kind] for kind in Status if kind is not Status.SOLVED},
+        trajectories=sum(found),
         failing=sum(block.failing for block in blocks),
         misfiled=sum(block.misfiled for block in blocks),
-        modes_found=np.sum([block.modes_found for block in blocks], axis=0),
-        found=np.sum([block.found for block in blocks], axis=0),
-        best=np.sum([block.best for block in blocks], axis=0),
-        differences=np.concatenate([block.differences for block in blocks]),
+        modes_found=tuple(modes_found),
+        families=tuple(
+            FamilyRow(mode=name, found=n, best=cheapest, share=cheapest / max(totals.solved, 1))
+            for name, n, cheapest in families
+        ),
+        differences=CostDifferences.of(differences),
         bytes=sum(path.stat().st_size for path in database.path.rglob("*") if path.is_file()),
+        accuracy=None if accuracy is None else AccuracyReport.from_json(accuracy.record()),
+        settings=database.settings,
     )
+    return Contents(report, differences)
 
 
 def accuracy_of(database: Database, cases: int, seed: int = 0) -> Accuracy | None:

@@ -69,7 +69,12 @@ class AccuracyReport(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class SplitReport(Record):
-    """What the database of one split holds, as of :class:`~moe_policy.experiments.data.Contents`."""
+    """What the database of one split holds.
+
+    ``size``: number of instances it was made for; ``killed_at_most``: solves that may have timed out or crashed, each a
+    failure that went to the fallback; ``unsolved``: by how the first solve ended; ``misfiled``: trajectories of another
+    family than that of their slot; ``modes_found``: number of instances with 0, 1, … families.
+    """
 
     size: int
     totals: Totals = inline()

@@ -86,8 +86,8 @@ class CheckedDatabase(Record):
     @classmethod
     def of(cls, database: Database) -> CheckedDatabase:
         """The check of ``database``."""
-        held = contents(database)
-        return cls(trajectories=held.trajectories, failing=held.failing, totals=held.totals)
+        report = contents(database).report
+        return cls(trajectories=report.trajectories, failing=report.failing, totals=report.totals)
 
 
 @dataclass(frozen=True, kw_only=True)

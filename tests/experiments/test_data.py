@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from moe_policy.experiments.data import accuracy_of, contents
+from moe_policy.experiments.data_report import CostDifferences
 from moe_policy.experiments.figures.data import data_figure
 from moe_policy.experiments.figures.style import COLORS, STYLE
 from ocp_envs.data.database import Database
@@ -88,19 +89,19 @@ def test_statistics_are_those_of_the_problems_that_are_there(tmp_path, monkeypat
     database, cost = made_by_hand(tmp_path / "d.zarr")
     held = contents(database)
     there = [0, 1, 2, 4, 5]
-    assert held.size == 6
-    assert held.totals.to_json() == database.totals()
-    assert (held.totals.problems, held.totals.solved, held.totals.iterations) == (5, 4, 12)
-    assert {kind: count for kind, count in held.unsolved.items() if count} == {"TIMED_OUT": 1}
-    np.testing.assert_array_equal(held.modes_found, [1, 1, 2, 1])
-    np.testing.assert_array_equal(held.found, HAVE[there].sum(axis=0))
+    assert held.report.size == 6
+    assert held.report.totals.to_json() == database.totals()
+    assert (held.report.totals.problems, held.report.totals.solved, held.report.totals.iterations) == (5, 4, 12)
+    assert {kind: count for kind, count in held.report.unsolved.items() if count} == {"TIMED_OUT": 1}
+    np.testing.assert_array_equal(held.report.modes_found, [1, 1, 2, 1])
+    np.testing.assert_array_equal([row.found for row in held.report.families], HAVE[there].sum(axis=0))
     winners = cost[there][:4].argmin(axis=1)
-    np.testing.assert_array_equal(held.best, np.bincount(winners, minlength=3))
-    assert held.best.max() < 4  # the winners differ
+    np.testing.assert_array_equal([row.best for row in held.report.families], np.bincount(winners, minlength=3))
+    assert max(row.best for row in held.report.families) < 4  # the winners differ
     lowest = np.sort(cost[[0, 1, 2]], axis=1)  # of the problems with two modes or more
     np.testing.assert_allclose(np.sort(held.differences), np.sort(lowest[:, 1] / lowest[:, 0] - 1))
-    assert held.bytes == sum(path.stat().st_size for path in database.path.rglob("*") if path.is_file())
-    assert (held.trajectories, held.failing, held.misfiled) == (8, 0, 0)
+    assert held.report.bytes == sum(path.stat().st_size for path in database.path.rglob("*") if path.is_file())
+    assert (held.report.trajectories, held.report.failing, held.report.misfiled) == (8, 0, 0)
 
 
 def rewrite(database, mode, change):
@@ -124,7 +125,7 @@ def test_a_stored_trajectory_that_is_no_solution_is_counted(tmp_path, change, mo
     database, _ = made_by_hand(tmp_path / "d.zarr")
     rewrite(database, mode, change)
     held = contents(database)
-    assert (held.trajectories, held.failing, held.misfiled) == (8, 1, 0)
+    assert (held.report.trajectories, held.report.failing, held.report.misfiled) == (8, 1, 0)
 
 
 def test_a_trajectory_in_the_slot_of_another_mode_is_counted(tmp_path):
@@ -135,37 +136,37 @@ def test_a_trajectory_in_the_slot_of_another_mode_is_counted(tmp_path):
 
     rewrite(database, 1, swap)
     held = contents(database)
-    assert (held.failing, held.misfiled) == (0, 2)
+    assert (held.report.failing, held.report.misfiled) == (0, 2)
 
 
 def test_kinds_of_failures_are_known_only_where_there_are_none(tmp_path):
     none, _ = made_by_hand(tmp_path / "none.zarr")
-    assert set(contents(none).failures_by_kind.values()) == {0}
+    assert set(contents(none).report.failures_by_kind.values()) == {0}
     # The interrupted problem counts for nothing; of the others a time-out is a failure that went to the fallback.
     some, _ = made_by_hand(tmp_path / "some.zarr", failures=(2, 0, 1, 9, 0, 3), fallbacks=(1, 2, 0, 9, 0, 4))
     held = contents(some)
-    assert held.failures_by_kind is None
-    assert (held.totals.failures, held.killed_at_most) == (6, 1 + 0 + 0 + 0 + 3)
+    assert held.report.failures_by_kind is None
+    assert (held.report.totals.failures, held.report.killed_at_most) == (6, 1 + 0 + 0 + 0 + 3)
 
 
 def test_the_record_of_a_database(tmp_path):
     database, _ = made_by_hand(tmp_path / "d.zarr", interrupted=False)
     held = contents(database)
-    record = json.loads(json.dumps(held.report(None, database.settings).to_json(), allow_nan=False))
+    record = json.loads(json.dumps(held.report.to_json(), allow_nan=False))
     assert (record["problems"], record["size"], record["solves_per_problem"]) == (6, 6, 4)
     assert [row["mode"] for row in record["classes"]] == ["quick", "medium", "slow"]
     assert sum(row["share"] for row in record["classes"]) == pytest.approx(1)
     assert record["gap"]["problems"] == 4
     assert record["gap"]["quantiles"]["0.5"] == pytest.approx(np.median(held.differences))
-    close = dataclasses.replace(held, differences=np.array([0.0, 0.002, 0.02, 0.03])).report(None, {}).differences
+    close = CostDifferences.of(np.array([0.0, 0.002, 0.02, 0.03]))
     assert close.share_below == {"0.001": 0.25, "0.01": 0.5, "0.03": 0.75}
 
 
 def test_a_database_with_nothing_in_it(tmp_path):
     database = Database.create(tmp_path / "d.zarr", INTEGRATOR, sample(INTEGRATOR, 0, 3))
     held = contents(database)
-    assert held.totals.problems == held.trajectories == held.modes_found.sum() == 0
-    assert held.report(None, database.settings).differences.quantiles is None
+    assert held.report.totals.problems == held.report.trajectories == sum(held.report.modes_found) == 0
+    assert held.report.differences.quantiles is None
     assert accuracy_of(database, 3) is None
     assert data_figure(tmp_path / "empty.png", {"training": (held, None)}).exists()
 

@@ -55,11 +55,11 @@ def _offsets(count: int) -> tuple[Array, float]:
 def _draw_classes(axes: Axes, reports: Reports) -> None:
     shifts, width = _offsets(len(reports))
     for i, (name, (held, _)) in enumerate(reports.items()):
-        solved = held.totals.solved
-        places = np.arange(len(held.best)) + shifts[i]
-        label = f"{name}: {solved:,} solved instances"
-        axes.barh(places, 100 * held.best / max(solved, 1), width, color=COLORS[i], label=label)
-        axes.set_yticks(range(len(held.best)), held.problem.modes.names)
+        families = held.report.families
+        places = np.arange(len(families)) + shifts[i]
+        label = f"{name}: {held.report.totals.solved:,} solved instances"
+        axes.barh(places, [100 * family.share for family in families], width, color=COLORS[i], label=label)
+        axes.set_yticks(range(len(families)), [family.mode for family in families])
     axes.invert_yaxis()
     axes.set(xlabel="solved instances, %", title="cheapest solution family")
 
@@ -67,7 +67,7 @@ def _draw_classes(axes: Axes, reports: Reports) -> None:
 def _draw_modes(axes: Axes, reports: Reports) -> None:
     shifts, width = _offsets(len(reports))
     for i, (held, _) in enumerate(reports.values()):
-        fraction = 100 * held.modes_found / max(held.totals.problems, 1)
+        fraction = 100 * np.array(held.report.modes_found) / max(held.report.totals.problems, 1)
         axes.bar(np.arange(len(fraction)) + shifts[i], fraction, width, color=COLORS[i])
         axes.set_xticks(range(len(fraction)))
     axes.set(xlabel="solution families found", ylabel="instances, %", title="solution families found for an instance")
