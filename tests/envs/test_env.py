@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import inspect
 import pickle
 import re
 import subprocess
@@ -19,10 +18,7 @@ from gymnasium.utils.env_checker import check_env
 
 import ocp_envs
 from ocp_envs.envs.env import Env
-from ocp_envs.envs.options import Options
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
-from ocp_envs.envs.vector_env import VectorEnv
-from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 
@@ -172,99 +168,11 @@ def test_reset_draws_uniformly_and_by_seed():
     assert np.abs(np.sort(unit, axis=0) - steps).max() < 2.2 / np.sqrt(2000)
 
 
-@pytest.mark.parametrize(
-    ("parameters", "error", "match"),
-    [
-        ([np.nan, 0.0], ValueError, "finite"),
-        ([0.0], ValueError, r"expected parameters \(theta, omega\)"),
-        ([7.0, 0.0], OutsideBoxError, "extrapolate=True"),
-        ([[0.0, 0.0], [1.0, 0.0]], ValueError, "one episode, got 2"),
-    ],
-)
-def test_refuses_bad_parameters(parameters, error, match):
-    with pytest.raises(error, match=match):
-        Env(PENDULUM).reset(options={"parameters": parameters})
-
-
-def test_refuses_mistyped_options():
-    with pytest.raises(ValueError, match=r"unknown option 'params' of reset.* did you mean 'parameters'"):
-        Env(PENDULUM).reset(options={"params": [0.0, 0.0]})
-
-
-def test_extrapolates_only_within_the_operating_box():
-    env = Env(PENDULUM)
-    env.reset(options={"parameters": [7.0, 0.0], "extrapolate": True})
-    assert env.state[0] == 7.0
-    with pytest.raises(ValueError, match="outside the operating box"):
-        env.reset(options={"parameters": [7.0, 50.0], "extrapolate": True})
-
-
-@pytest.mark.parametrize(
-    ("arguments", "match"),
-    [
-        ({"dt": 0.0}, "dt must be a positive"),
-        ({"time_limit": -1}, "time_limit"),
-        ({"constants": {"mas": 1.0}}, "its constants are"),
-        ({"disturbance": [1.0, 1.0, 1.0]}, "2 \\(theta, omega\\)"),
-        ({"observation_noise": -0.1}, "standard deviations"),
-        ({"delay": 1.5}, "whole number of control steps"),
-        ({"render_mode": "ansi"}, "render_mode must be"),
-    ],
-)
-def test_refuses_bad_arguments(arguments, match):
-    with pytest.raises(ValueError, match=match):
-        Env(PENDULUM, **arguments)
-
-
-@pytest.mark.parametrize("environment", [Env, VectorEnv])
-def test_the_signature_shows_every_argument_with_the_default_of_the_options(environment):
-    parameters = inspect.signature(environment).parameters
-    shown = {name: p.default for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY}
-    expected = {f.name: f.default for f in dataclasses.fields(Options) if f.name != "problem"}
-    assert shown == expected
-    for name in shown:
-        assert re.search(rf"\b{name}\b", environment.__doc__)
-
-
-@pytest.mark.parametrize("environment", [Env, VectorEnv])
-def test_every_argument_reaches_the_options(environment):
-    arguments = {"dt": 0.05, "terminate_at_goal": False, "time_limit": 3.0, "constants": {"mass": 2.0}, "delay": 2}
-    arguments |= {"disturbance": [0.1, 0.2], "observation_noise": [0.3, 0.4], "render_mode": "rgb_array"}
-    options = environment(PENDULUM, **arguments).options
-    for name, value in arguments.items():
-        np.testing.assert_array_equal(getattr(options, name), value)
-    assert options.simulator.problem.system.constants["mass"] == 2.0
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda **arguments: Env(PENDULUM, **arguments),
-        lambda **arguments: VectorEnv(PENDULUM, 2, **arguments),
-        lambda **arguments: gym.make("PendulumSwingup-v0", **arguments),
-        lambda **arguments: gym.make_vec("PendulumSwingup-v0", num_envs=2, **arguments),
-    ],
-    ids=["Env", "VectorEnv", "make", "make_vec"],
-)
-def test_a_mistyped_argument_is_answered_with_the_nearest_and_all_that_are_accepted(make):
-    with pytest.raises(
-        TypeError, match=r"unknown argument 'dely'; did you mean 'delay'\? accepted are \['problem',.*'dt'"
-    ):
-        make(dely=2)
-    with pytest.raises(TypeError, match="did you mean 'terminate_at_goal'"):
-        make(terminate_on_goal=False)
-
-
 def test_refuses_actions_of_another_shape():
     env = Env(QUADCOPTER_OBSTACLE)
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"expected an action \(4,\), got \(1,\)"):
         env.step(np.zeros(1))
-
-
-def test_unknown_problem_names_the_nearest():
-    with pytest.raises(ocp_envs.UnknownProblemError, match="PendulumSwingup-v0"):
-        Env("PendulumSwngup-v0")
 
 
 def test_disturbance_and_noise_have_the_stated_size():
@@ -298,16 +206,6 @@ def test_delay_holds_the_goal_first_and_then_lags():
     for action in [*[PENDULUM.goal.control] * 3, *actions[:5]]:
         prompt.step(action)
     np.testing.assert_array_equal(late.state, prompt.state)
-
-
-def test_mismatch_changes_the_plant_and_not_the_problem():
-    env = Env(PENDULUM, constants={"mass": 2.0})
-    assert env.problem is PENDULUM
-    start, u = [1.0, 0.0], np.array([[1.0]])
-    env.reset(options={"parameters": start})
-    env.step(u[0])
-    expected = Simulator(PENDULUM.with_constants(mass=2.0), 0.02).advance([start], u, np.zeros((1, 0)))
-    np.testing.assert_array_equal(env.state, expected.states[0])
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,6 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 import ocp_envs
 from ocp_envs.envs.env import Env
 from ocp_envs.envs.vector_env import VectorEnv
-from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 
@@ -185,23 +184,6 @@ def test_seeds_may_be_given_row_by_row_and_unseeded_rows_differ():
     assert len(np.unique(VectorEnv(PENDULUM, 3).reset()[0], axis=0)) == 3
     with pytest.raises(ValueError, match="3 seeds"):
         envs.reset(seed=[1, 2])
-
-
-@pytest.mark.parametrize(
-    ("options", "error", "match"),
-    [
-        ({"parameters": np.zeros((2, 2))}, ValueError, "1 or 3 rows, got 2"),
-        ({"parameters": np.full((3, 2), np.nan)}, ValueError, "finite"),
-        ({"parameters": [-1.0, 0.0]}, OutsideBoxError, "extrapolate=True"),
-        ({"parameter": [0.0, 0.0]}, ValueError, r"unknown option 'parameter' .* did you mean 'parameters'"),
-        ({"reset_mask": np.array([1, 0, 1])}, ValueError, "boolean array"),
-        ({"reset_mask": np.zeros(3, bool)}, ValueError, "at least one True"),
-        ({"reset_mask": np.array([True, False, True])}, ResetNeeded, "first reset"),
-    ],
-)
-def test_refuses_bad_options(options, error, match):
-    with pytest.raises(error, match=match):
-        VectorEnv(PENDULUM, 3).reset(options=options)
 
 
 def test_refuses_bad_calls():
