@@ -33,6 +33,11 @@ class Distribution(ABC):
     def draw(self, problem: OptimalControlProblem, rng: np.random.Generator) -> Array:
         """One parameter of ``problem`` for a reset of its environment, (np,), drawn from ``rng``."""
 
+    @property
+    @abstractmethod
+    def text(self) -> str:
+        """What it is, for the documentation of a problem."""
+
     @abstractmethod
     def over(self, change: Callable[[Box], Box]) -> Distribution:
         """The same distribution where ``change`` is applied to the parameter box of the problem."""
@@ -47,6 +52,10 @@ class Uniform(Distribution):
 
     def draw(self, problem: OptimalControlProblem, rng: np.random.Generator) -> Array:
         return problem.parameters.draw(rng, 1)[0]
+
+    @property
+    def text(self) -> str:
+        return "uniform"
 
     def over(self, change: Callable[[Box], Box]) -> Uniform:
         return self
@@ -98,6 +107,10 @@ class Blocked(Distribution):
         """
         rows = tables.starts(problem)
         return np.array(rows[rng.integers(len(rows))])
+
+    @property
+    def text(self) -> str:
+        return f"conditioned on the optimal trajectory of {self.free.id} being blocked"
 
     def over(self, change: Callable[[Box], Box]) -> Blocked:
         # The table ends at the box.

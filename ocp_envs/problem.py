@@ -89,13 +89,13 @@ class OptimalControlProblem:
     def __post_init__(self) -> None:
         if self.rest is not None:
             object.__setattr__(self, "rest", frozen_array(self.rest))
-        nx = self.system.nx
+        nx, nu = self.system.nx, self.system.nu
         self.goal.check(self.id, self.system)
         if self.rest is not None and self.rest.shape != (nx,):
             raise ValueError(f"{self.id}: rest must have shape ({nx},), got {self.rest.shape}")
         self.distribution.check(self)
         if self.symmetry is not None:
-            self.symmetry.check(self.id, nx, self.system.nu, len(self.context))
+            self.symmetry.check(self.id, nx, nu, len(self.context))
         if not 0 < self.duration[0] < self.duration[1]:
             raise ValueError(f"{self.id}: expected 0 < shortest < longest duration, got {self.duration}")
         if self.knots < 2 or self.substeps < 1:
@@ -106,8 +106,6 @@ class OptimalControlProblem:
     def __reduce__(self) -> tuple[Any, ...]:
         # Without what was derived and cached.
         return OptimalControlProblem, tuple(getattr(self, field.name) for field in dataclasses.fields(self))
-
-    # -- sizes -----------------------------------------------------------------------------------------------------
 
     @property
     def flat_size(self) -> int:
@@ -132,8 +130,6 @@ class OptimalControlProblem:
         """Number of path constraints, nh."""
         x, _, s = self.symbols()
         return int(self.clearances(x, s).shape[0])
-
-    # -- parameters ------------------------------------------------------------------------------------------------
 
     @cached_property
     def parametrisation(self) -> Parametrisation:
@@ -171,8 +167,6 @@ class OptimalControlProblem:
         """‖x − goal‖ of states (..., nx), with the shortest difference in periodic coordinates; (...)."""
         return np.asarray(np.linalg.norm(self.system.difference(states, self.goal.state), axis=-1))
 
-    # -- expressions -----------------------------------------------------------------------------------------------
-
     def _namespaces(self, s: Any) -> tuple[SimpleNamespace, SimpleNamespace, dict[str, Any]]:
         """Context and constants by name, and those of the context that replace constants."""
         context = dict(zip(self.context.names, ca.vertsplit(s))) if len(self.context) else {}
@@ -180,7 +174,7 @@ class OptimalControlProblem:
         return SimpleNamespace(**context), SimpleNamespace(**{**self.system.constants, **replaced}), replaced
 
     def rate(self, x: Any, u: Any, s: Any) -> Any:
-        """(ẋ, L) stacked, (nx + 1, 1), as an expression in columns x (nx, 1), u (nu, 1), s (nc, 1)."""
+        """(ẋ, L) as one expression, (nx + 1, 1), in columns x (nx, 1), u (nu, 1), s (nc, 1)."""
         context, constants, replaced = self._namespaces(s)
         cost = self.cost_rate(ca.vertsplit(x), ca.vertsplit(u), context, constants)
         return ca.vertcat(self.system.derivative(x, u, replaced), cost)
@@ -215,24 +209,20 @@ class OptimalControlProblem:
         x, u, s = (ca.SX.sym(name, size) for name, size in sizes)
         return x, u, s
 
-    # -- batched functions -----------------------------------------------------------------------------------------
-
     def batch_rate(self) -> BatchFunction:
-        """(x, u, s) → (ẋ (B, nx), L (B, 1))."""
+        """The function (x, u, s) → (ẋ (B, nx), L (B, 1))."""
         x, u, s = self.symbols()
         rate = self.rate(x, u, s)
         return BatchFunction(dense_function("rate", [x, u, s], [rate[: self.system.nx], rate[self.system.nx]]))
 
     def batch_flow(self, substeps: int) -> BatchFunction:
-        """(x, u, s, h (B, 1)) → (x⁺ (B, nx), cost (B, 1))."""
-        x, u, s = self.symbols()
-        h = ca.SX.sym("h")
+        """The function (x, u, s, h (B, 1)) → (x⁺ (B, nx), cost (B, 1)) of steps in ``substeps`` Runge-Kutta steps."""
+        (x, u, s), h = self.symbols(), ca.SX.sym("h")
         return BatchFunction(dense_function("flow", [x, u, s, h], list(self.flow(x, u, s, h, substeps))))
 
     def batch_linearisation(self, substeps: int) -> Callable[[Array, Array, Array, Array], tuple[Array, Array]]:
-        """(x, u, s, h (B, 1)) → derivatives of the discrete step, A (B, nx, nx) and B (B, nx, nu)."""
-        x, u, s = self.symbols()
-        h = ca.SX.sym("h")
+        """The function (x, u, s, h (B, 1)) → A (B, nx, nx), B (B, nx, nu): the derivatives of :meth:`batch_flow`."""
+        (x, u, s), h = self.symbols(), ca.SX.sym("h")
         following, _ = self.flow(x, u, s, h, substeps)
         jacobian = ca.jacobian(following, ca.vertcat(x, u))
         function = BatchFunction(dense_function("linearisation", [x, u, s, h], [jacobian]))
@@ -244,14 +234,12 @@ class OptimalControlProblem:
         return evaluate
 
     def batch_clearances(self) -> BatchFunction:
-        """(x, s) → h (B, nh)."""
+        """The function (x, s) → h (B, nh)."""
         x, _, s = self.symbols()
         return BatchFunction(dense_function("clearances", [x, s], [self.clearances(x, s)]))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> OptimalControlProblem:
         return self  # a value, and its functions could not be copied
-
-    # -- variants and identity -------------------------------------------------------------------------------------
 
     def with_constants(self, **values: float) -> OptimalControlProblem:
         """The same problem with other values of physical constants, by name, in SI units."""
@@ -259,5 +247,5 @@ class OptimalControlProblem:
 
     @cached_property
     def fingerprint(self) -> str:
-        """What a file must carry to belong to this problem, see :func:`ocp_envs.fingerprint.fingerprint`."""
+        """What a file must carry to belong to this problem."""
         return fingerprint(self)

@@ -1,4 +1,4 @@
-"""Maps under which a problem looks the same."""
+"""Maps under which a problem is invariant."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ocp_envs.trajectory import Trajectory
 class Symmetry:
     """A linear symmetry of order two: x → X x, u → U u, s → S s, with ẋ(X x, U u, S s) = X ẋ(x, u, s).
 
-    Cost rate and path constraints keep their values, and the goal its state and control.
+    Cost rate and path constraints are invariant, and so are the state and the control of the goal.
 
     Args:
         name: what it is, such as ``"half turn"``.
@@ -71,5 +71,5 @@ class Symmetry:
         return np.asarray(s @ self.context.T)
 
     def trajectories(self, trajectory: Trajectory) -> Trajectory:
-        """The images of B trajectories, which take as long."""
+        """The images of B trajectories; their durations stay the same."""
         return Trajectory(self.states(trajectory.states), self.controls(trajectory.controls), trajectory.duration)

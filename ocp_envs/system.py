@@ -1,8 +1,8 @@
 """Controlled dynamical systems, declared once as CasADi expressions.
 
 A system is ẋ = f(x, u, c): state x, control u and physical constants c. Every coordinate carries its unit,
-its operating box, its typical size and, for an angle, its period. The discrete map of the product is the classical
-Runge-Kutta scheme of order four (Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I*, II.1) with the
+its operating box, its typical size and, for an angle, its period. Time is discretised by the classical Runge-Kutta
+scheme of order four (Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I*, II.1) with the
 control held over the step:
 
     k1 = f(x),  k2 = f(x + h/2 k1),  k3 = f(x + h/2 k2),  k4 = f(x + h k3),  x⁺ = x + h/6 (k1 + 2 k2 + 2 k3 + k4)
@@ -29,13 +29,23 @@ Dynamics = Callable[[Sequence[Any], Sequence[Any], SimpleNamespace], Sequence[An
 
 
 def wrap(difference: Any, period: float) -> Any:
-    """``difference`` moved by whole periods into [-period/2, period/2); NumPy arrays and CasADi expressions alike."""
+    """``difference`` (NumPy array or CasADi expression) shifted by whole periods into [-period/2, period/2)."""
     floor = ca.floor if isinstance(difference, (ca.SX, ca.MX)) else np.floor
     return difference - period * floor(difference / period + 0.5)
 
 
 def rk4_step(derivative: Callable[[Any], Any], x: Any, h: Any, substeps: int = 1) -> Any:
-    """The Runge-Kutta map of order four over ``h`` seconds in ``substeps`` equal steps (symbolic or numeric)."""
+    """The Runge-Kutta map of order four, for numbers and CasADi expressions.
+
+    Args:
+        derivative: x → ẋ.
+        x: the state.
+        h: length of the whole step, seconds.
+        substeps: number of equal Runge-Kutta steps in it.
+
+    Returns:
+        the state after ``h`` seconds.
+    """
     h = h / substeps
     for _ in range(substeps):
         k1 = derivative(x)
@@ -179,7 +189,7 @@ class System:
         return ca.vertcat(*self.dynamics(ca.vertsplit(x), ca.vertsplit(u), namespace))
 
     def with_constants(self, **values: float) -> System:
-        """The same system with other physical constants, for instance ``with_constants(mass=0.6)``.
+        """The same system with other physical constants in SI units, for instance ``with_constants(mass=0.6)``.
 
         Raises:
             ValueError: a name the system does not have.
@@ -190,7 +200,7 @@ class System:
         return dataclasses.replace(self, constants={**self.constants, **values})
 
     def difference(self, a: Any, b: Any) -> Any:
-        """a − b with periodic coordinates taken the short way round: the only place where angles are wrapped.
+        """a − b, with the shortest difference in periodic coordinates: the only place where angles are wrapped.
 
         Args:
             a, b: arrays (..., nx), or CasADi columns (nx, 1).

@@ -1,4 +1,4 @@
-"""Tables in the package: arrays that belong to a problem, a file ``reference/<env-id>/<name>.npz`` each, no pickle."""
+"""Tables that the package carries: arrays of a problem in ``reference/<env-id>/<name>.npz``, without pickle."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class TableError(ValueError):
 
 
 def path_of(problem: OptimalControlProblem, name: str, folder: Path = FOLDER) -> Path:
-    """The file of a table."""
+    """The file of the table ``name`` of ``problem`` below ``folder``."""
     return folder / problem.id / f"{name}.npz"
 
 
 def save(problem: OptimalControlProblem, name: str, folder: Path = FOLDER, **arrays: ArrayLike) -> Path:
-    """Write ``arrays`` as the table ``name`` of ``problem``, in one step."""
+    """Write ``arrays`` as the table ``name`` of ``problem`` below ``folder``, atomically; the path of the file."""
     target = path_of(problem, name, folder)
     with replacing(target) as file:
         np.savez_compressed(file, fingerprint=np.array(problem.fingerprint), **arrays)  # type: ignore[arg-type]
@@ -45,8 +45,8 @@ def load(
     Args:
         problem: the problem.
         name: of the table.
-        folder: where the tables of all problems lie.
-        maker: what makes the table, for the messages.
+        folder: of the tables of all problems.
+        maker: the script that makes the table, for messages.
 
     Raises:
         TableError: no such file, damaged, or made for another problem.
@@ -63,14 +63,14 @@ def load(
     if fingerprint != problem.fingerprint:
         raise TableError(
             f"{path} was made for a problem with fingerprint {fingerprint}, {problem.id} has {problem.fingerprint}: "
-            f"the problem has changed since; make the table anew with {maker}"
+            f"the problem has changed since; make the table again with {maker}"
         )
     return arrays
 
 
 @lru_cache(maxsize=32)
 def starts(problem: OptimalControlProblem) -> Array:
-    """Parameters among which the environment of ``problem`` draws where drawing takes an optimiser, (M, np).
+    """Parameters from which the environment of ``problem`` draws where exact draws need solutions, (M, np).
 
     Raises:
         TableError: there are none.
@@ -79,7 +79,7 @@ def starts(problem: OptimalControlProblem) -> Array:
         parameters = load(problem, STARTS)["parameters"]
     except (TableError, KeyError) as error:
         raise TableError(
-            f"{problem.id} draws its starts from a table, and there is none to use ({error}); pass "
+            f"{problem.id} draws its parameters from a table, and there is none to use ({error}); pass "
             'options={"parameters": p} to reset(), or make the table'
         ) from error
     return frozen_array(problem.check_parameters(parameters))

@@ -1,4 +1,4 @@
-"""The catalogue: every benchmark problem by its name, and problems of the user's own."""
+"""The catalogue: the problems of the benchmark by their names, and those that a user adds."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def load(name: str) -> OptimalControlProblem:
     """The problem called ``name``, for instance ``"PendulumSwingup-v0"``.
 
     Raises:
-        UnknownProblemError: no such problem; the message names the nearest one and how to add one.
+        UnknownProblemError: no such problem; the message names the nearest one, and says how to add one.
     """
     try:
         return _catalogue[name]
@@ -35,12 +35,12 @@ def load(name: str) -> OptimalControlProblem:
 
 
 def names() -> list[str]:
-    """Names of all known problems."""
+    """Names of all known problems, sorted."""
     return sorted(_catalogue)
 
 
 def add(problem: OptimalControlProblem) -> None:
-    """Put ``problem`` into the catalogue.
+    """Add ``problem`` to the catalogue; adding the same object again changes nothing.
 
     Raises:
         ValueError: another problem already has that name.

@@ -1,4 +1,4 @@
-"""The documentation of a problem, written from its declaration."""
+"""The documentation of a problem, derived from its declaration."""
 
 from __future__ import annotations
 
@@ -25,21 +25,22 @@ def _table(box: Box) -> str:
 
 
 def describe(problem: OptimalControlProblem) -> str:
-    """Spaces, parameters, goal and limits of ``problem`` as Markdown, under the headings of Gymnasium's pages."""
+    """Spaces, parameters, goal and limits of ``problem`` in Markdown, under the headings that Gymnasium's pages use."""
     goal = ", ".join(
         f"{name} = {_number(value)}" for name, value in zip(problem.system.state.names, problem.goal.state)
     )
     turns = [c.name for c in problem.system.state.coordinates if c.period is not None]
     modulo = f", {', '.join(turns)} modulo whole turns" if turns else ""
+    parameters = f"Given by the parameter p, {problem.distribution.text}, in the box\n\n{_table(problem.parameters)}"
     sections = {
         "Description": f"{problem.title[0].upper()}{problem.title[1:]}.",
         "Action Space": _table(problem.system.control),
         "Observation Space": _table(Box((*problem.system.state.coordinates, *problem.context.coordinates))),
-        "Reward": "Minus the cost ∫L dt of the tick.",
-        "Starting State": f"Made from the parameter p, uniform in\n\n{_table(problem.parameters)}",
+        "Reward": "Minus the cost ∫L dt of the control step.",
+        "Starting State": parameters,
         "Episode End": (
-            f"Terminated within {problem.goal.radius:g} of the goal ({goal}{modulo}) or outside the box of the "
-            f"observation; truncated after {problem.time_limit:g} s."
+            f"Terminated within {problem.goal.radius:g} of the goal ({goal}{modulo}) or outside the observation "
+            f"space; truncated after {problem.time_limit:g} s."
         ),
         "Physical Constants": ", ".join(f"{k} = {_number(v)}" for k, v in problem.system.constants.items()) + ".",
     }

@@ -3,12 +3,13 @@ Experts*, section V-A).
 
     θ̇ = ω,   ω̇ = (τ u − m g l sin θ) / (m l²),   L = 1 + u²
 
-θ is measured from the lower equilibrium; all constants are one in the paper's units and are kept by name for studies of
-mismatch. The largest torque just balances gravity when the pendulum is level, so from most starts it has to swing. The
-goal is upright at rest, θ = π modulo 2π, and the optimum jumps between the windings θ_f = −π, π and 3π.
+θ is measured from the lower equilibrium. All constants are 1 in the paper's units; they are kept by name so that the
+plant may differ from the model. The maximum torque just balances gravity when the pendulum is horizontal, so from most
+initial states the pendulum has to swing. The goal is upright at rest, θ = π modulo 2π; the optimum is discontinuous
+between the windings θ_f = −π, π and 3π.
 
-The paper prints θ_0 ∈ [−π, π]; its cluster sizes are those of [0, 2π], the same box seen from upright, used here. The
-paper gives neither an operating box nor bounds of t_f; those are decisions of this project.
+The paper states θ_0 ∈ [−π, π], but its cluster sizes are those of [0, 2π], the interval centred on upright, which is
+used here. The paper gives neither an operating box nor bounds of t_f; those are decisions of this project.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Quadcopter from rest to rest, free and round a sphere (Tang & Hauser, section V-C; model of Mellinger, Michael &
-Kumar, *Trajectory generation and control for precise aggressive maneuvers with quadrotors*, 2012).
+"""Quadcopter that flies from rest to rest, without an obstacle or round a sphere.
 
-Angles are Z-X-Y Euler angles: yaw ψ, roll φ, pitch θ, singular at φ = ±π/2. Rotor thrusts u_1 … u_4 are in newtons,
-T is their sum, k the ratio of a rotor's moment to its thrust:
+The task is that of Tang & Hauser, *Discontinuity-Sensitive Optimal Control Learning by Mixture of Experts*, section
+V-C; the model that of Mellinger, Michael & Kumar, *Trajectory generation and control for precise aggressive maneuvers
+with quadrotors*, 2012. Angles are Z-X-Y Euler angles, yaw ψ, roll φ and pitch θ, singular at φ = ±π/2. Rotor thrusts
+u_1 … u_4 are in newtons, T is their sum, l the length of an arm, k the ratio of a rotor's moment to its thrust:
 
     ẍ = (sin θ cos ψ + cos θ sin φ sin ψ) T/m
     ÿ = (sin θ sin ψ − cos θ sin φ cos ψ) T/m
@@ -15,10 +16,10 @@ T is their sum, k the ratio of a rotor's moment to its thrust:
     ṙ = [k (u_1 − u_2 + u_3 − u_4) + p q (I_1 − I_2)] / I_3
     L = 10 + ‖v‖² + 0.1 ‖(φ, θ, ψ)‖² + ‖(p, q, r)‖² + ‖u‖²
 
-The obstacle problem is the same system with a sphere as context: ‖(x, y, z) − (cx, cy, cz)‖ ≥ radius. Its parameters
-are drawn where the sphere is in the way: start and goal outside, the optimal trajectory of the free problem through it.
-Its modes are the signs of the gradient of the active constraint: of the vector from the centre to the point of contact,
-averaged over the knots with the multipliers of the constraint as weights.
+The obstacle problem adds a sphere as context: ‖(x, y, z) − (cx, cy, cz)‖ ≥ radius. Its parameters are drawn where the
+sphere blocks the free optimum: initial position and goal lie outside, and the optimal trajectory of the free problem
+runs through it. Its solution families are the signs of the components of the gradient of the active constraint: of the
+vector from the centre to the trajectory, averaged over the knots with the multipliers of the constraint as weights.
 """
 
 from __future__ import annotations
@@ -53,16 +54,17 @@ CONSTANTS = {
 HOVER_THRUST = CONSTANTS["mass"] * CONSTANTS["gravity"] / 4
 #: Diagonal of the state weight Q, in the paper's order (position, velocity, angles, rates).
 STATE_WEIGHTS = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.1, 0.1, 0.1, 1.0, 1.0, 1.0)
-#: Two Runge-Kutta steps for a control period of 0.02 s. Against DOP853 (results/benchmark_env.json, made by
-#: scripts/benchmark_env.py) the norm of the error of 0.02 s is then at most 2.5e-6 over the middle two thirds of the
-#: boxes of state and control. Over all of them it is 8e-7 in the median and 2e-5 in 99 % of the cases; the worst, 4e-4,
-#: tumble at 8 rad/s next to the singularity of the angles. One step: 4e-5, 1.3e-5, 3e-4, 1.3e-3; four: 1.6e-7, 5e-8,
-#: 1.4e-6, 4e-5, but below the 200,000 steps per second that the environment is to make.
+#: Two Runge-Kutta steps in a control step of 0.02 s. Compared with DOP853 (results/benchmark_env.json, made by
+#: scripts/benchmark_env.py) the norm of the error after 0.02 s is then at most 2.5e-6 over the middle two thirds of the
+#: boxes of state and control. Over the whole boxes its median is 8e-7, its 99 % quantile 2e-5 and its maximum 4e-4, for
+#: a vehicle that tumbles at 8 rad/s near the singularity of the angles. With one step these four values are 4e-5,
+#: 1.3e-5, 3e-4 and 1.3e-3; with four 1.6e-7, 5e-8, 1.4e-6 and 4e-5, at fewer than the required 200,000 environment
+#: steps per second.
 LONGEST_SUBSTEP = 0.01
-#: Multipliers of the obstacle below this share of the largest count as zero.
+#: Multipliers of the obstacle below this fraction of the largest count as zero.
 NEGLIGIBLE = 1e-6
-#: No multiplier above this, in cost per metre: the constraint is nowhere active. An interior-point method leaves about
-#: 1e-5 at a knot that is clear of the sphere, and 0.01 to 10 at one that touches it.
+#: The constraint counts as inactive where no multiplier exceeds this value, in cost per metre. An interior-point method
+#: leaves about 1e-5 at a knot that is clear of the sphere, and 0.01 to 10 at one that touches it.
 INACTIVE = 1e-4
 
 
@@ -96,12 +98,12 @@ def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNames
 
 def clearance(state: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> list[Any]:
     x, y, z = state[:3]
-    # A power, not ca.sqrt: the sampler calls this with NumPy arrays.
+    # A power, not ca.sqrt: sampling calls this with NumPy arrays.
     return [((x - context.cx) ** 2 + (y - context.cy) ** 2 + (z - context.cz) ** 2 + 1e-12) ** 0.5 - context.radius]
 
 
 def contact(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Array:
-    """Mean vector from the centre to the point of contact, (B, 3); to the closest knot where no constraint is active.
+    """Mean vector from the centre to the knots in contact, (B, 3), in m; to the closest knot where there is none.
 
     Args:
         problem: the obstacle problem.
@@ -127,7 +129,7 @@ def _side(
     return np.asarray(positive @ np.array([4, 2, 1]), dtype=np.int64)
 
 
-#: Signs of the components of :func:`contact`, x first.
+#: Names: the signs of the components of :func:`contact`, x first.
 SIDES = Modes(tuple("".join(signs) for signs in itertools.product("-+", repeat=3)), _side)
 
 
@@ -149,15 +151,18 @@ SYSTEM = System(
 GOAL = Goal(state=np.zeros(12), radius=0.1, windings=np.zeros((1, 12), np.int64), control=np.full(4, HOVER_THRUST))
 START = tuple(Coordinate(n, -10.0, 10.0, "m") for n in ("x", "y", "z"))
 
-#: The vehicle is drawn this many times its size: 0.35 m from rotor to rotor would not be seen in a room of 24 m.
+#: The vehicle is drawn this many times its size: 0.35 m from rotor to rotor would be invisible in a view of 24 m.
 DRAWN_SCALE = 8.0
 
 
 def half_turn(context: Sequence[float] = ()) -> Symmetry:
-    """The half turn of the world about the vertical, with the body turned back: rotors 1 and 3 change places, 2 and 4.
+    """The 180° rotation of world and body about the vertical, which exchanges rotors 1 and 3, and 2 and 4.
 
-    ``context``: the diagonal of its map of the context. Other turns are no symmetry: they mix roll and pitch, whose
-    order matters. Mirror images are none either: they turn the other way what the rotors' drag turns.
+    Other rotations are not symmetries, since the cost weighs roll and pitch, which they mix. Reflections are not
+    either: they reverse the sign of the rotor drag torque.
+
+    Args:
+        context: diagonal of the map of the context.
     """
     over = (-1.0, -1.0, 1.0)
     return Symmetry("half turn", np.array(over * 4), np.eye(4)[[2, 3, 0, 1]], np.array(context))

@@ -1,13 +1,15 @@
-"""Ground vehicle that drives to the origin (Tang & Hauser, section V-B).
+"""Ground vehicle that drives to the origin (Tang & Hauser, *Discontinuity-Sensitive Optimal Control Learning by Mixture
+of Experts*, section V-B).
 
     ẋ = v sin θ,   ẏ = v cos θ,   θ̇ = k_θ u_θ v,   v̇ = k_v u_v,   L = 10 + u_θ² + u_v²
 
-θ is the heading, measured from the y axis; u_θ is the curvature of the path, so the vehicle turns only while it moves.
-It may drive forwards or backwards and arrive with a whole turn more or less: six families of optimal trajectories, the
-windings θ_f ∈ {−2π, 0, 2π} times the sign of the mean speed. At rest the linearisation is not stabilisable (∂f/∂u
-loses rank at v = 0), so the goal cannot be held and success is judged at the end of the plan.
+θ is the heading, measured from the y axis, and k_θ u_θ is the curvature of the path, so the vehicle turns only while it
+moves. It may drive forwards or backwards, and arrive with a whole turn more or less: there are six families of optimal
+trajectories, one for each winding θ_f ∈ {−2π, 0, 2π} and sign of the mean speed. At rest the linearisation is not
+stabilisable (∂f/∂u loses rank at v = 0), so there is no terminal regulation, and success is evaluated at the end of the
+plan.
 
-The paper does not give bounds of u, the operating box or bounds of t_f; |u| ≤ 5 reproduces its cluster sizes.
+The paper gives neither bounds of u and t_f nor an operating box; |u| ≤ 5 reproduces its cluster sizes.
 """
 
 from __future__ import annotations

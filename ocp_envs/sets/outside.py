@@ -5,9 +5,8 @@ With centre c and half width w of a coordinate of the parameter box, the *excess
     e(p) = max over coordinates of (|p − c| / w − 1),
 
 below 0 inside the box. Coordinates that cover a whole turn of a periodic state coordinate are left out: beyond one end
-of them lie the starts of the other end. Draws with e(p) in [low, high] are uniform on that shell round the box, and
-where the problem names the problem free of its path constraint on the same condition as inside: that the constraint
-matters (:mod:`ocp_envs.sets.sampling`).
+of them lie the initial states at the other end. Draws with e(p) in [low, high] follow the distribution of the problem
+over a widened box, restricted to that shell (:mod:`ocp_envs.sets.sampling`).
 """
 
 from __future__ import annotations
@@ -22,13 +21,13 @@ from ocp_envs.sets.sampling import sample
 from ocp_envs.support.arrays import Array
 from ocp_envs.system import Box
 
-#: Rows of a draw are drawn so many at once; fewer where they are few.
+#: Minimum number of candidates of a draw, unless fewer than half as many parameters are wanted.
 _BLOCK = 1_000
 _WHOLE = 1 - 1e-9
 
 
 def open_coordinates(problem: OptimalControlProblem) -> NDArray[np.bool_]:
-    """Which coordinates of p have an outside, (np,): all but those that cover a whole turn of a state coordinate."""
+    """Which coordinates of p have an outside, (np,): all that do not cover a whole turn of a state coordinate."""
     periods = {c.name: c.period for c in problem.system.state.coordinates if c.period is not None}
     box = problem.parameters.coordinates
     return np.array([c.upper - c.lower < periods.get(c.name, np.inf) * _WHOLE for c in box])
@@ -47,12 +46,12 @@ def excess(problem: OptimalControlProblem, p: Array) -> Array:
     return np.asarray((np.abs(p - centre) / half - 1)[:, chosen].max(axis=1))
 
 
-def widened(problem: OptimalControlProblem, share: float) -> OptimalControlProblem:
-    """``problem`` with its parameter box wider by ``share`` of the half width at each end that has an outside."""
+def widened(problem: OptimalControlProblem, fraction: float) -> OptimalControlProblem:
+    """``problem`` with a parameter box wider by ``fraction`` of the half width at each end that has an outside."""
     chosen = dict(zip(problem.parameters.names, open_coordinates(problem)))
 
     def wider(box: Box) -> Box:
-        reach = {c.name: share * chosen[c.name] * (c.upper - c.lower) / 2 for c in box.coordinates}
+        reach = {c.name: fraction * chosen[c.name] * (c.upper - c.lower) / 2 for c in box.coordinates}
         coordinates = (
             dataclasses.replace(c, lower=c.lower - reach[c.name], upper=c.upper + reach[c.name])
             for c in box.coordinates
@@ -71,16 +70,16 @@ def sample_outside(
     Args:
         problem: the problem.
         seed: of the draw.
-        n: how many.
-        beyond: least and largest excess, in half widths.
-        workers: processes, where drawing takes an optimiser; ``None`` for one per core.
+        n: number of parameters.
+        beyond: range of the excess, in half widths.
+        workers: number of processes, where drawing needs solutions; ``None`` for one per core.
 
     Raises:
         ValueError: an empty shell, or no coordinate that has an outside.
     """
     low, high = beyond
     if not 0 <= low < high:
-        raise ValueError(f"{problem.id}: expected 0 ≤ low < high for how far beyond the box to go, got {beyond}")
+        raise ValueError(f"{problem.id}: expected 0 ≤ low < high for the range of the excess, got {beyond}")
     wide = widened(problem, high)
     count, found = min(_BLOCK, 2 * n), np.empty((0, len(problem.parameters)))
     while len(found) < n:
