@@ -113,11 +113,7 @@ class OptimalControlProblem:
         return flat_size(self.knots, self.system.nx, self.system.nu)
 
     def unflatten(self, z: ArrayLike) -> Trajectory:
-        """The trajectories of this problem in the flat layout ``z``, (B, flat_size) or (flat_size,).
-
-        Raises:
-            ValueError: another length.
-        """
+        """Trajectories of the flat layout ``z``, (B, flat_size) or (flat_size,); ``ValueError`` for other lengths."""
         return Trajectory.from_flat(z, self.knots, self.system.nx, self.system.nu)
 
     @cached_property
