@@ -16,7 +16,12 @@ Hidden = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Experts:
-    """Hidden layers of an expert; ``large`` for a cluster of more samples than the average one."""
+    """Hidden layers of the experts of a mixture.
+
+    Args:
+        small: of the expert of a cluster with at most the average number of samples.
+        large: of the expert of a larger cluster.
+    """
 
     small: Hidden
     large: Hidden
@@ -46,11 +51,18 @@ class Architecture:
             raise ValueError(f"hidden layers must have at least one unit, got {parts}")
 
     def expert(self, size: int, average: float, method: str) -> Hidden:
-        """Hidden layers of the expert of a cluster of ``size`` samples found by ``method``."""
+        """Hidden layers of the expert of one cluster.
+
+        Args:
+            size: number of samples in the cluster.
+            average: mean number of samples over all clusters.
+            method: how the clusters were found.
+        """
         experts = self.kmeans_experts if self.kmeans_experts and method.startswith("kmeans") else self.experts
         return experts.large if size > average else experts.small
 
 
+#: The paper's layer sizes by problem id, the default for these problems.
 PAPER_SIZES: Mapping[str, Architecture] = MappingProxyType(
     {
         "PendulumSwingup-v0": Architecture((300,), (50,), Experts((20,), (20,))),
@@ -59,13 +71,15 @@ PAPER_SIZES: Mapping[str, Architecture] = MappingProxyType(
         "QuadcopterObstacle-v0": Architecture((1000, 1000), (200, 200), Experts((200, 200), (200, 200))),
     }
 )
-#: Hidden layers of the single networks of the paper's depth ablation on the pendulum, beside (300,).
+#: Hidden layers of the single networks of the paper's depth ablation on the pendulum, in addition to (300,).
 PENDULUM_ABLATION: tuple[Hidden, ...] = ((50, 20), (20, 50), (30, 30, 30))
 
 
 def architecture_of(problem: OptimalControlProblem) -> Architecture:
-    """The paper's layer sizes; for a problem of the user's own one hidden layer of 200 units for up to three parameters
-    and two for more, with experts and a gate of a quarter of the width.
+    """The default architecture of ``problem``: the paper's where it has one.
+
+    Any other problem has one hidden layer of 200 units for up to three parameters and two for more; experts and gate
+    have a quarter of the width.
     """
     if problem.id in PAPER_SIZES:
         return PAPER_SIZES[problem.id]
@@ -75,5 +89,11 @@ def architecture_of(problem: OptimalControlProblem) -> Architecture:
 
 
 def layer_sizes(problem: OptimalControlProblem, hidden: Hidden, outputs: int | None = None) -> tuple[int, ...]:
-    """All layer sizes of a network from p to a flat trajectory, or to ``outputs`` logits."""
+    """All layer sizes of a network, input and output included.
+
+    Args:
+        problem: its parameters are the inputs.
+        hidden: sizes of the hidden layers.
+        outputs: number of logits; by default the outputs are a flat trajectory.
+    """
     return (len(problem.parameters), *hidden, problem.flat_size if outputs is None else outputs)

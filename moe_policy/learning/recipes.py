@@ -1,11 +1,11 @@
-"""How each named planner is made: one place that the training script, the comparison and the tests share.
+"""How each named planner is trained.
 
 snn                          one network
-moe-custom                   a mixture over the problem's own modes, trained decoupled
+moe-custom                   a mixture over the problem's own solution families, trained decoupled
 moe-kmeans-<k>               the same over k-means clusters of the trajectories
 moe-kmeans-pca-<k>           the same after a projection on 5 principal components
 moe-random                   a mixture with as many experts as moe-custom, trained jointly from random weights
-moe-retrained-argmax         moe-custom, trained on as one network with argmax
+moe-retrained-argmax         moe-custom, retrained as one network with argmax
 moe-retrained-softmax-<ε>    the same with softmax at ε, for instance 1 or 0.1
 nearest                      the stored solution of the nearest stored parameter
 """
@@ -51,15 +51,17 @@ def make(
     """Make the planner called ``name`` from a database.
 
     Args:
-        name: see the module's table.
+        name: one of :data:`FORMS`, see the table above.
         database: a Database or its samples.
         settings: how networks are trained.
         seed: of clustering and training.
-        executor: trains the networks of a mixture side by side.
-        checkpoints: folder for the states of this training, as for :func:`~moe_policy.learning.training.fit_single`.
+        executor: trains the networks of a mixture in parallel; by default they are trained one after the other.
+        checkpoints: folder for the state of this training alone: the same call continues an interrupted training from
+            there and ends with the same weights. The caller deletes it afterwards.
 
     Raises:
-        ValueError: no such recipe.
+        CheckpointError: the folder holds the state of another training.
+        ValueError: no such recipe, or unusable samples.
     """
     if name == "nearest":
         return NearestPlanner(database)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from moe_policy.model_files import ModelFile, write_model
+from moe_policy.model_files import ModelFile, Tensors, write_model
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
@@ -68,7 +67,7 @@ class NearestPlanner:
         Args:
             path: with or without one of the two suffixes.
         """
-        tensors: dict[str, NDArray[Any]] = {
+        tensors: Tensors = {
             "parameters": self.parameters,
             "trajectories": self.trajectory.flat().astype(np.float32),
             "modes": self.mode.astype(np.int64),

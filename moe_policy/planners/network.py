@@ -7,7 +7,6 @@ not be the initial state. The policy that tracks the plan deals with both.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,15 +14,17 @@ import numpy as np
 import torch
 from numpy.typing import ArrayLike, NDArray
 
-from moe_policy.model_files import ModelFile, write_model
+from moe_policy.model_files import Json, ModelFile, write_model
 from moe_policy.planners.networks import (
     ARGMAX,
     Argmax,
     Mixing,
     MixtureOfExperts,
+    Network,
     SingleNetwork,
     Softmax,
     count_parameters,
+    outputs_of,
 )
 from moe_policy.planners.record import TrainingReport
 from moe_policy.planners.scaling import Standardizer
@@ -32,11 +33,11 @@ from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 
-def _mixing_record(mixing: Mixing) -> dict[str, Any]:
+def _mixing_record(mixing: Mixing) -> Json:
     return {"softmax": mixing.epsilon} if isinstance(mixing, Softmax) else {"argmax": None}
 
 
-def _mixing_from(record: Mapping[str, Any]) -> Mixing:
+def _mixing_from(record: Json) -> Mixing:
     return Softmax(record["softmax"]) if "softmax" in record else Argmax()
 
 
@@ -57,11 +58,11 @@ class NetworkPlanner:
 
     problem: OptimalControlProblem
     name: str
-    network: SingleNetwork | MixtureOfExperts
+    network: Network
     inputs: Standardizer
     outputs: Standardizer
     mixing: Mixing = ARGMAX
-    details: Mapping[str, Any] = field(default_factory=dict)
+    details: Json = field(default_factory=dict)
     report: TrainingReport | None = None
 
     def __post_init__(self) -> None:
@@ -93,8 +94,7 @@ class NetworkPlanner:
         """
         x = self._scaled(p)
         with torch.inference_mode():
-            mixture = isinstance(self.network, MixtureOfExperts)
-            return self._trajectory(self.network(x, self.mixing) if mixture else self.network(x))
+            return self._trajectory(outputs_of(self.network, x, self.mixing))
 
     @property
     def _mixture(self) -> MixtureOfExperts:
@@ -153,7 +153,7 @@ class NetworkPlanner:
         """
         network = self.network
         if isinstance(network, MixtureOfExperts):
-            sizes: dict[str, Any] = {"gate": network.gate.sizes, "experts": [e.sizes for e in network.experts]}
+            sizes: Json = {"gate": network.gate.sizes, "experts": [e.sizes for e in network.experts]}
         else:
             sizes = {"single": network.sizes}
         tensors = {f"network.{key}": value.numpy() for key, value in network.state_dict().items()}
@@ -176,7 +176,7 @@ def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlan
         problem: what it plans for.
     """
     sizes, tensors = file.description["sizes"], file.tensors
-    network: SingleNetwork | MixtureOfExperts
+    network: Network
     if "single" in sizes:
         network = SingleNetwork(sizes["single"])
     else:

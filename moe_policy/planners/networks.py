@@ -64,7 +64,7 @@ class SingleNetwork(nn.Module):
                 )
 
     def forward(self, x: Tensor) -> Tensor:
-        """Outputs (B, sizes[-1]) of inputs (B, sizes[0])."""
+        """Outputs (B, sizes[-1]) of inputs ``x`` (B, sizes[0])."""
         last = len(self.weights) - 1
         for i, (weight, bias) in enumerate(zip(self.weights, self.biases)):
             x = F.linear(x, weight, bias)
@@ -95,7 +95,7 @@ class MixtureOfExperts(nn.Module):
         self.experts = nn.ModuleList(experts)
 
     def forward(self, x: Tensor, mixing: Mixing) -> Tensor:
-        """Outputs (B, R) of inputs (B, inputs)."""
+        """Outputs (B, R) of inputs ``x`` (B, inputs), combined by ``mixing``."""
         logits = self.gate(x)
         if isinstance(mixing, Softmax):
             probabilities = torch.softmax(logits / mixing.epsilon, dim=1)
@@ -109,7 +109,7 @@ class MixtureOfExperts(nn.Module):
         return outputs
 
     def all_experts(self, x: Tensor) -> Tensor:
-        """Predictions of every expert, (r, B, R), of inputs (B, inputs)."""
+        """Predictions of every expert, (r, B, R), of inputs ``x`` (B, inputs)."""
         return torch.stack([expert(x) for expert in self.experts])
 
 

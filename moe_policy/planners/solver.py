@@ -39,7 +39,14 @@ class BatchSolver(Protocol):
     def solve(
         self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer], *, retry_with_fallback: bool = True
     ) -> Solutions:
-        """As :meth:`ocp_envs.solvers.solver.GuardedSolver.solve`."""
+        """Solve B instances, each from one guess.
+
+        Args:
+            parameters: (B, np).
+            guesses: B trajectories.
+            windings: (B,) indices into ``problem.targets``, or ``NEAREST_WINDING``.
+            retry_with_fallback: whether the fallback solver retries where the primary one did not converge.
+        """
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ class StoredPlans:
                 raise ValueError(f"got two plans for the parameters {rows[i]}, rows {first} and {i}; expected one")
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters (B, np) or (np,).
+        """Plans of parameters ``p`` (B, np) or (np,).
 
         Raises:
             ValueError: parameters without a stored plan.
