@@ -11,9 +11,10 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
-#: "line": straight in state space, controls that hold the goal. "rollout": the motion under random controls.
-#: "drift": such a motion with a linear drift added, so that it ends at the target. "bend": the line with half a sine
-#: wave of random height added to every coordinate, normal with two scales: to pass an obstacle on all sides.
+#: "line": straight in state space, with the control that keeps the system at the goal. "rollout": the motion under
+#: random controls. "drift": such a motion with a linear drift added, so that it ends at the target. "bend": the line
+#: with half a sine wave added to every coordinate, whose height is normally distributed with a standard deviation of
+#: two scales, to pass an obstacle on all sides.
 GuessKind = Literal["line", "rollout", "drift", "bend"]
 #: Instead of an index into ``problem.targets``: the winding whose target is nearest to the end of the guess.
 NEAREST_WINDING = -1
@@ -51,36 +52,63 @@ def guesses(
     """
     if kind not in get_args(GuessKind):
         raise ValueError(f"kind must be one of {get_args(GuessKind)}, got {kind!r}")
-    size, knots, system = len(parameters), problem.knots, problem.system
-    starts, contexts = problem.start(parameters)
     shortest, longest = problem.duration
-    duration = shortest + (longest - shortest) * rng.uniform(0.5, 0.75, size)
-    progress = np.linspace(0.0, 1.0, knots)[:, None]
+    duration = shortest + (longest - shortest) * rng.uniform(0.5, 0.75, len(parameters))
     targets = problem.targets[windings]
     if kind in ("line", "bend"):
-        states = starts[:, None] + progress * (targets - starts)[:, None]
+        states = _line(problem, parameters, targets)
         if kind == "bend":
-            height = rng.normal(0.0, _BEND, (size, 1, system.nx)) * system.state.scale
-            states[:, 1:-1] += (np.sin(np.pi * progress) * height)[:, 1:-1]
-            np.clip(states, system.state.lower, system.state.upper, out=states)
-        return Trajectory(states, np.tile(problem.goal.control, (size, knots - 1, 1)), duration)
-    controls = _random_controls(problem, size, rng)
-    states = np.empty((size, knots, system.nx))
-    states[:, 0] = starts
-    flow = problem.batch_flow(problem.substeps)
-    step = (duration / (knots - 1))[:, None]
-    for k in range(knots - 1):
-        following, _ = flow(states[:, k], controls[:, k], contexts, step)
-        states[:, k + 1] = np.clip(following, system.state.lower, system.state.upper)
+            states = _bent(problem, states, rng)
+        return Trajectory(states, np.tile(problem.goal.control, (len(parameters), problem.knots - 1, 1)), duration)
+    controls = _random_controls(problem, len(parameters), rng)
+    states = _rollout(problem, parameters, controls, duration)
     if kind == "drift":
-        states += progress * (targets - states[:, -1])[:, None]
-        np.clip(states, system.state.lower, system.state.upper, out=states)
-        states[:, 0] = starts
+        states = _drifted(problem, states, targets)
     return Trajectory(states, controls, duration)
 
 
+def _line(problem: OptimalControlProblem, parameters: Array, targets: Array) -> Array:
+    """States on straight lines from the initial states to ``targets`` (B, nx), (B, N, nx)."""
+    initial, _ = problem.start(parameters)
+    return initial[:, None] + _progress(problem) * (targets - initial)[:, None]
+
+
+def _progress(problem: OptimalControlProblem) -> Array:
+    """From 0 at the first knot to 1 at the last one, (N, 1)."""
+    return np.linspace(0.0, 1.0, problem.knots)[:, None]
+
+
+def _bent(problem: OptimalControlProblem, states: Array, rng: np.random.Generator) -> Array:
+    """``states`` (B, N, nx) with half a sine wave of random height added to every coordinate, between the ends."""
+    box = problem.system.state
+    height = rng.normal(0.0, _BEND, (len(states), 1, problem.system.nx)) * box.scale
+    wave = np.sin(np.pi * _progress(problem))
+    wave[[0, -1]] = 0.0
+    return np.clip(states + wave * height, box.lower, box.upper)
+
+
+def _rollout(problem: OptimalControlProblem, parameters: Array, controls: Array, duration: Array) -> Array:
+    """States of the motion under ``controls`` (B, N − 1, nu), clipped to the box at every knot, (B, N, nx)."""
+    initial, contexts = problem.start(parameters)
+    box, flow = problem.system.state, problem.batch_flow(problem.substeps)
+    step = (duration / (problem.knots - 1))[:, None]
+    states = [initial]
+    for k in range(problem.knots - 1):
+        following, _ = flow(states[k], controls[:, k], contexts, step)
+        states.append(np.clip(following, box.lower, box.upper))
+    return np.stack(states, axis=1)
+
+
+def _drifted(problem: OptimalControlProblem, states: Array, targets: Array) -> Array:
+    """``states`` (B, N, nx) with a linear drift added, so that they end at ``targets`` (B, nx)."""
+    box = problem.system.state
+    drifted = np.clip(states + _progress(problem) * (targets - states[:, -1])[:, None], box.lower, box.upper)
+    drifted[:, 0] = states[:, 0]
+    return drifted
+
+
 def _random_controls(problem: OptimalControlProblem, size: int, rng: np.random.Generator) -> Array:
-    """Piecewise constant, within one scale of the control that holds the goal."""
+    """Piecewise constant controls within one scale of the one that keeps the system at the goal, (size, N − 1, nu)."""
     box = problem.system.control
     drawn = problem.goal.control + rng.uniform(-1, 1, (size, _PIECES, problem.system.nu)) * box.scale
     piece = np.arange(problem.knots - 1) * _PIECES // (problem.knots - 1)
