@@ -2,8 +2,8 @@
 
 Three numbers belong to an instance:
 
-    index i   its place in the parameters as they were given. Methods that take or return ``indices`` speak of it.
-    row r     its place on disk, in the order in which the instances are solved. Methods that take ``rows`` speak of it.
+    index i   its place in the parameters as they were given. It is what ``indices`` are.
+    row r     its place on disk, in the order in which the instances are solved. It is what ``rows`` are.
               The array ``order`` holds the index of each row, i = order[r]; its inverse holds the row of each index.
     chunk     ⌊r / rows per chunk⌋: the rows of a chunk are solved in one task and written in one step.
 
@@ -31,7 +31,7 @@ from ocp_envs.solvers.nlp import Status
 from ocp_envs.support import scratch
 from ocp_envs.support.arrays import Array, Bools, Ints
 
-#: Rows of all families that are held in memory at a time.
+#: Rows of all families read into memory at a time.
 _BLOCK = 5_000
 
 
@@ -103,7 +103,7 @@ class Database:
                 f"{self.path} is damaged: {name} cannot be read ({error}); generate it again"
             ) from error
 
-    # -- what was asked for ----------------------------------------------------------------------------------------
+    # -- the instances --------------------------------------------------------------------------------------------
 
     def __len__(self) -> int:
         return len(self._index_of_row)
@@ -239,7 +239,7 @@ class Database:
         multipliers = np.empty((len(index), problem.knots, problem.n_clearances))
         for span in self._spans(len(self)):
             here = np.flatnonzero((rows >= span.start) & (rows < span.stop))
-            if len(here):  # no block is read in vain
+            if len(here):  # only the blocks that are needed are read
                 block, slot = self.stored(span), (rows[here] - span.start, mode[here])
                 z[here], multipliers[here] = block.z[slot], block.multipliers[slot]
         return Samples(

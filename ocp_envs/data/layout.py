@@ -7,7 +7,7 @@
     multipliers (M, modes, N, nh)            of the path constraint at the knots
     solves, failures, fallbacks, iterations (M,)  solver statistics, over all solves of the row
 
-The arrays share their chunks along rows. A chunk of rows exists once its piece of ``status``, written last, is there;
+The arrays share their chunks along rows. A chunk of rows exists once its piece of ``status``, written last, exists;
 anything else is ignored and written again, so a process may be killed at any moment. Every piece is written in one step
 and carries a checksum.
 """

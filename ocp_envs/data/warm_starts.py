@@ -47,7 +47,7 @@ class Library:
         self._cost = np.concatenate(costs)
         self._families: dict[int, _Family] = {}
         for mode, rows in enumerate(map(np.concatenate, rows_of)):
-            z, z_of[mode] = np.concatenate(z_of[mode]), []  # the pieces go as soon as they are joined
+            z, z_of[mode] = np.concatenate(z_of[mode]), []  # frees the pieces
             if len(rows):
                 self._families[mode] = _Family(Neighbours(box, parameters[rows]), z)
 

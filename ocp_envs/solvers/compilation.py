@@ -108,7 +108,7 @@ def build_solver(plugin: str, nlp: ca.Function, options: dict[str, Any]) -> ca.F
 
 
 def _library(plugin: str, nlp: ca.Function, options: dict[str, Any], compiler: str) -> Path:
-    """The compiled functions of ``nlp`` for ``plugin``; built if they are not there."""
+    """The compiled functions of ``nlp`` for ``plugin``; built where necessary."""
     # The serialised program stands for the C generated from it: CasADi's version is part of the key, and writing the C
     # takes longer than loading the library.
     content = (nlp.serialize(), plugin, ca.__version__, _compiler_version(compiler), FLAGS, cpu_model())

@@ -13,7 +13,7 @@ Bools = NDArray[np.bool_]
 
 
 def read_only(array: Array) -> Array:
-    """A view of ``array`` through which nobody can change it."""
+    """A read-only view of ``array``."""
     view = array.view()
     view.flags.writeable = False
     return view
