@@ -4,36 +4,27 @@ import signal
 import subprocess
 import sys
 import time
-import warnings
-from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Future, ThreadPoolExecutor
 from pathlib import Path
-from threading import Barrier
 
-import cloudpickle
 import numpy as np
 import pytest
 
 from moe_policy.experiments.interruptions import Kill, descendants, generate_interrupted, plan_kills, wait_for_chunks
 from ocp_envs.data import generation
-from ocp_envs.data import worker as chunks
 from ocp_envs.data.database import Database
 from ocp_envs.data.generation import generate
 from ocp_envs.data.layout import DatabaseError
-from ocp_envs.data.settings import GenerationSettings
-from ocp_envs.data.warm_starts import local_fit
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
 from ocp_envs.solvers.check import verify
-from ocp_envs.solvers.compilation import CompiledNotAvailable
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.pool import WorkerLostError
 from ocp_envs.trajectory import Trajectory
-from tests.in_process import Solver
+from tests.data.running import COUNT, SMALL, InProcess
 from tests.small_problems import DOUBLE_INTEGRATOR
 
-SMALL = GenerationSettings(first=20, chunk=10, starts=2)
-COUNT = 80
 needs_proc = pytest.mark.skipif(not os.path.exists("/proc/self/task"), reason="finds worker processes in /proc")
 #: What the processes below run; arguments: folder, number of problems.
 SCRIPT = """
@@ -46,59 +37,6 @@ if __name__ == "__main__":
     settings = GenerationSettings(first=20, chunk=10, starts=2)
     generate(PENDULUM, sys.argv[1], sample(PENDULUM, 7, int(sys.argv[2])), workers=2, seed=3, settings=settings)
 """
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _interpreted():
-    """Children inherit the environment: without a compiler they start at once."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PATH", "")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", CompiledNotAvailable)
-            yield
-
-
-class InProcess(Executor):
-    """Runs a task when it is submitted; notes which ones."""
-
-    def __init__(self):
-        self.tasks = []
-
-    def submit(self, fn, /, *args, **kwargs):
-        self.tasks.append(args[0])
-        future = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-class Unguarded(Solver):
-    """A solver in this process that records which windings it was asked for."""
-
-    asked: list[np.ndarray] = []  # noqa: RUF012 - shared on purpose
-
-    def solve(self, parameters, guesses, windings, *, retry_with_fallback=True):
-        self.asked.append(windings)
-        return super().solve(parameters, guesses, windings, retry_with_fallback=retry_with_fallback)
-
-
-@pytest.fixture
-def unguarded(monkeypatch):
-    for module in (chunks, generation):
-        monkeypatch.setattr(module, "GuardedSolver", Unguarded)
-    chunks._kept.__dict__.clear()
-    Unguarded.asked.clear()
-    yield Unguarded
-    chunks._kept.__dict__.clear()
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """The database that was never interrupted, by the default pool."""
-    path = tmp_path_factory.mktemp("whole") / "d.zarr"
-    return generate(PENDULUM, path, sample(PENDULUM, 7, COUNT), workers=2, seed=3, settings=SMALL)
 
 
 # -- what is found -----------------------------------------------------------------------------------------------------
@@ -126,120 +64,6 @@ def test_warm_starts_find_what_mirrored_problems_have(tmp_path, unguarded):
     clear = np.sort(database.costs(), axis=1)
     clear = (clear[:, 1] > 1.001 * clear[:, 0])[:60]
     np.testing.assert_array_equal(modes[:60][clear], 2 - modes[60:][clear])
-
-
-def test_rounds_double_and_warm_starts_come_from_earlier_rounds_only(tmp_path, unguarded):
-    """Spoilt trajectories of a round show up as guesses in later rounds alone."""
-    executor = InProcess()
-    database = generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, COUNT), executor=executor, settings=SMALL)
-    assert [task.number for task in executor.tasks] == list(range(8))
-    assert [len(task.owner) > 0 for task in executor.tasks] == [False] * 2 + [True] * 6
-    stored = database.stored(slice(0, COUNT)).z.astype(np.float32)
-    for task in executor.tasks[2:]:
-        before = 20 if task.number < 6 else 60  # rounds of 20, 40 and the rest
-        known = stored[:before].reshape(-1, PENDULUM.flat_size)
-        distance = np.abs(known[None] - task.z[:, None]).max(axis=2)
-        assert np.nanmin(distance, axis=1).max() == 0
-
-
-def test_the_first_round_tries_every_winding(tmp_path, unguarded):
-    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=SMALL)
-    assert set(np.concatenate(unguarded.asked)) == {0, 1, 2}
-
-
-def test_what_no_guess_solves_gets_the_second_solver_in_the_end(tmp_path, unguarded, monkeypatch):
-    """A first solver that is stuck on one problem, whatever the guess, and a second one that is not."""
-    p = sample(PENDULUM, 7, 10)
-
-    def solve(self, parameters, guesses, windings, *, retry_with_fallback=True):
-        found = Solver.solve(self, parameters, guesses, windings, retry_with_fallback=retry_with_fallback)
-        if not retry_with_fallback:
-            stuck = (parameters == p[3]).all(axis=1)
-            status = np.where(stuck, np.int8(Status.NOT_CONVERGED), found.status)
-            return dataclasses.replace(found, status=status)
-        return found
-
-    monkeypatch.setattr(Unguarded, "solve", solve)
-    database = generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
-    rows, hard = database.stored(slice(0, 10)), (database.stored_parameters(slice(0, 10)) == p[3]).all(axis=1)
-    assert (rows.status == Status.SOLVED).all()
-    assert rows.solves[hard] == 3 * SMALL.starts + 3
-    assert (rows.solves[~hard] <= 3 * SMALL.starts).all()
-
-
-@pytest.mark.parametrize(("guess", "kinds"), [("drift", ["line", "drift"]), ("line", ["line", "line"])])
-def test_guesses_after_the_first_are_of_the_kind_wanted(tmp_path, unguarded, monkeypatch, guess, kinds):
-    asked, made = [], chunks.guesses
-
-    def noted(problem, parameters, windings, rng, kind):
-        asked.append(kind)
-        return made(problem, parameters, windings, rng, kind)
-
-    monkeypatch.setattr(chunks, "guesses", noted)
-    settings = dataclasses.replace(SMALL, guess=guess)
-    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=settings)
-    assert asked[:2] == kinds
-
-
-def test_databases_made_before_the_kind_of_guess_was_a_setting_are_the_same_as_its_default():
-    assert set(SMALL.record()) == {f.name for f in dataclasses.fields(SMALL)} - {"guess", "fit"}
-    assert dataclasses.replace(SMALL, guess="line").record() == {**SMALL.record(), "guess": "line"}
-    assert dataclasses.replace(SMALL, fit=9).record() == {**SMALL.record(), "fit": 9}
-
-
-def test_a_local_fit_repeats_a_linear_function_and_weighs_the_near_ones_more():
-    rng = np.random.default_rng(0)
-    offsets = rng.normal(size=(5, 12, 3)) * 0.1
-    order = np.argsort(np.linalg.norm(offsets, axis=2), axis=1)
-    offsets = np.take_along_axis(offsets, order[:, :, None], axis=1)
-    distance = np.linalg.norm(offsets, axis=2)
-    slope, constant = rng.normal(size=(3, 4)), rng.normal(size=(5, 1, 4))
-    values = (constant + offsets @ slope).astype(np.float32)
-    np.testing.assert_allclose(local_fit(offsets, distance, values), constant[:, 0], atol=2e-3)
-    spoilt = values.copy()
-    spoilt[:, -1] += 1.0  # the farthest has next to no weight
-    np.testing.assert_allclose(local_fit(offsets, distance, spoilt), constant[:, 0], atol=5e-3)
-    # All neighbours in one place: their mean.
-    np.testing.assert_allclose(local_fit(np.zeros_like(offsets), 0 * distance, values), values.mean(1), atol=1e-5)
-
-
-def test_fitted_warm_starts_are_one_a_mode_nearer_than_the_neighbours_and_solve_the_same(tmp_path, unguarded):
-    p, found = sample(DOUBLE_INTEGRATOR, 7, COUNT), {}
-    for fit in (0, 8):
-        executor, settings = InProcess(), dataclasses.replace(SMALL, neighbours=1, fit=fit)
-        database = generate(DOUBLE_INTEGRATOR, tmp_path / f"{fit}", p, executor=executor, settings=settings)
-        task = executor.tasks[-1]
-        solved = database.stored(database.stored_rows(task.number))
-        distance = np.abs(task.z[:, None] - solved.z[task.owner]).mean(axis=2).min(axis=1, initial=np.inf)
-        found[fit] = database.costs().min(axis=1), np.nanmedian(np.where(np.isfinite(distance), distance, np.nan))
-        assert database.settings.get("fit", 0) == fit
-    np.testing.assert_allclose(found[8][0], found[0][0], rtol=1e-3)
-    assert found[8][1] < 0.7 * found[0][1]
-
-
-def test_where_solutions_are_too_few_for_a_fit_the_nearest_are_taken_as_they_are(tmp_path, unguarded):
-    """A linear function of two parameters takes three."""
-    p, digests = sample(DOUBLE_INTEGRATOR, 7, 40), set()
-    for fit in (0, 2):
-        settings = dataclasses.replace(SMALL, fit=fit)
-        digests.add(
-            generate(DOUBLE_INTEGRATOR, tmp_path / f"{fit}", p, executor=InProcess(), settings=settings).digest()
-        )
-    assert len(digests) == 1
-
-
-def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monkeypatch):
-    """Too little time for any swing-up from the bottom: nothing is dropped, nothing invented."""
-    hurried = dataclasses.replace(PENDULUM, duration=(0.1, 0.2))
-    p = np.array([[0.0, 0.0], [np.pi, 0.0]])
-    database = generate(hurried, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
-    bottom = int(np.flatnonzero(database.stored_parameters(slice(0, 2))[:, 0] == 0)[0])
-    rows = database.stored(slice(bottom, bottom + 1))
-    assert rows.status[0] == Status.NOT_CONVERGED
-    assert np.isinf(rows.cost[0]).all()
-    assert np.isnan(rows.z[0]).all()
-    assert rows.failures[0] == rows.solves[0] > 0
-    assert database.samples().index.tolist() == [1]
 
 
 # -- interruptions and workers -----------------------------------------------------------------------------------------
@@ -349,34 +173,6 @@ def test_what_a_process_killed_early_left_is_removed(tmp_path, unguarded):
     assert (tmp_path / ".d.other.123").exists()
 
 
-def test_threads_that_solve_have_one_child_each(monkeypatch):
-    """However many threads there are; another problem replaces the child."""
-    monkeypatch.setattr(chunks, "GuardedSolver", Counted)
-    barrier = Barrier(5)
-
-    def use(_):
-        barrier.wait()
-        first = chunks._worker(payload, SMALL.solver)[1]
-        assert chunks._worker(payload, SMALL.solver)[1] is first
-        assert chunks._worker(other, SMALL.solver)[1] is not first
-        assert first.closed
-        return first
-
-    payload, other = cloudpickle.dumps(PENDULUM), cloudpickle.dumps(DOUBLE_INTEGRATOR)
-    with ThreadPoolExecutor(5) as executor:
-        assert len(set(executor.map(use, range(5)))) == 5
-
-
-class Counted:
-    closed = False
-
-    def __init__(self, problem, settings):
-        self.problem = problem
-
-    def close(self):
-        self.closed = True
-
-
 class Dropping(InProcess):
     """Loses every task for the first ``losses`` times, in one of the ways there are."""
 
@@ -461,12 +257,3 @@ def test_parameters_are_checked_before_anything_is_written(tmp_path):
     with pytest.raises(ValueError, match="finite"):
         generate(PENDULUM, tmp_path / "d", np.array([[np.nan, 0.0]]))
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"first": 0}, {"chunk": 0}, {"starts": 0}, {"neighbours": 0}, {"cold": -1}, {"margin": -1.0}, {"guess": "wild"}],
-)
-def test_settings_are_checked(change):
-    with pytest.raises(ValueError, match=f"{next(iter(change))} must be"):
-        GenerationSettings(**change)

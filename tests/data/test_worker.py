@@ -1,0 +1,97 @@
+import dataclasses
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
+
+import cloudpickle
+import numpy as np
+import pytest
+
+from ocp_envs.data import worker
+from ocp_envs.data.generation import generate
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.nlp import Status
+from tests.data.running import SMALL, InProcess, Unguarded
+from tests.in_process import Solver
+from tests.small_problems import DOUBLE_INTEGRATOR
+
+
+def test_the_first_round_tries_every_winding(tmp_path, unguarded):
+    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=SMALL)
+    assert set(np.concatenate(unguarded.asked)) == {0, 1, 2}
+
+
+def test_what_no_guess_solves_gets_the_second_solver_in_the_end(tmp_path, unguarded, monkeypatch):
+    """A first solver that is stuck on one problem, whatever the guess, and a second one that is not."""
+    p = sample(PENDULUM, 7, 10)
+
+    def solve(self, parameters, guesses, windings, *, retry_with_fallback=True):
+        found = Solver.solve(self, parameters, guesses, windings, retry_with_fallback=retry_with_fallback)
+        if not retry_with_fallback:
+            stuck = (parameters == p[3]).all(axis=1)
+            status = np.where(stuck, np.int8(Status.NOT_CONVERGED), found.status)
+            return dataclasses.replace(found, status=status)
+        return found
+
+    monkeypatch.setattr(Unguarded, "solve", solve)
+    database = generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
+    rows, hard = database.stored(slice(0, 10)), (database.stored_parameters(slice(0, 10)) == p[3]).all(axis=1)
+    assert (rows.status == Status.SOLVED).all()
+    assert rows.solves[hard] == 3 * SMALL.starts + 3
+    assert (rows.solves[~hard] <= 3 * SMALL.starts).all()
+
+
+@pytest.mark.parametrize(("guess", "kinds"), [("drift", ["line", "drift"]), ("line", ["line", "line"])])
+def test_guesses_after_the_first_are_of_the_kind_wanted(tmp_path, unguarded, monkeypatch, guess, kinds):
+    asked, made = [], worker.guesses
+
+    def noted(problem, parameters, windings, rng, kind):
+        asked.append(kind)
+        return made(problem, parameters, windings, rng, kind)
+
+    monkeypatch.setattr(worker, "guesses", noted)
+    settings = dataclasses.replace(SMALL, guess=guess)
+    generate(PENDULUM, tmp_path / "d", sample(PENDULUM, 7, 10), executor=InProcess(), settings=settings)
+    assert asked[:2] == kinds
+
+
+def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monkeypatch):
+    """Too little time for any swing-up from the bottom: nothing is dropped, nothing invented."""
+    hurried = dataclasses.replace(PENDULUM, duration=(0.1, 0.2))
+    p = np.array([[0.0, 0.0], [np.pi, 0.0]])
+    database = generate(hurried, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
+    bottom = int(np.flatnonzero(database.stored_parameters(slice(0, 2))[:, 0] == 0)[0])
+    rows = database.stored(slice(bottom, bottom + 1))
+    assert rows.status[0] == Status.NOT_CONVERGED
+    assert np.isinf(rows.cost[0]).all()
+    assert np.isnan(rows.z[0]).all()
+    assert rows.failures[0] == rows.solves[0] > 0
+    assert database.samples().index.tolist() == [1]
+
+
+class Counted:
+    closed = False
+
+    def __init__(self, problem, settings):
+        self.problem = problem
+
+    def close(self):
+        self.closed = True
+
+
+def test_threads_that_solve_have_one_child_each(monkeypatch):
+    """However many threads there are; another problem replaces the child."""
+    monkeypatch.setattr(worker, "GuardedSolver", Counted)
+    barrier = Barrier(5)
+
+    def use(_):
+        barrier.wait()
+        first = worker._worker(payload, SMALL.solver)[1]
+        assert worker._worker(payload, SMALL.solver)[1] is first
+        assert worker._worker(other, SMALL.solver)[1] is not first
+        assert first.closed
+        return first
+
+    payload, other = cloudpickle.dumps(PENDULUM), cloudpickle.dumps(DOUBLE_INTEGRATOR)
+    with ThreadPoolExecutor(5) as executor:
+        assert len(set(executor.map(use, range(5)))) == 5
