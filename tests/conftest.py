@@ -1,4 +1,5 @@
 import dataclasses
+import sys
 
 import pytest
 
@@ -31,8 +32,8 @@ def planners(samples_of_three_modes):
 
 
 @pytest.fixture
-def drawn(request, monkeypatch):
-    """Calls a function of the test module's ``figures`` and returns its Matplotlib figure instead of a file."""
+def drawn(monkeypatch):
+    """Calls a function that draws a figure, and returns its Matplotlib figure instead of a file."""
     from matplotlib.figure import Figure
 
     made = []
@@ -44,8 +45,8 @@ def drawn(request, monkeypatch):
         return path
 
     def call(function, *arguments, **options):
+        monkeypatch.setattr(sys.modules[function.__module__], "save_figure", capture)
         function("unused.png", *arguments, **options)
         return made[-1]
 
-    monkeypatch.setattr(request.module.figures, "save_figure", capture)
     return call

@@ -6,20 +6,22 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.benchmark.parts import Rise
-from moe_policy.experiments.figures import cases
-from moe_policy.experiments.figures import space as figures
+from moe_policy.experiments.comparison import MarginRow
+from moe_policy.experiments.figures import cases, paths, rise, space
 from moe_policy.experiments.figures.style import COLORS, STYLE, cluster_color
+from moe_policy.experiments.figures.violations import margins_figure, violations_figure
 from moe_policy.learning.clustering import Labels, cluster
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.trajectory import Trajectory
+from tests.experiments.test_overview import row
 from tests.small_problems import DOUBLE_INTEGRATOR, with_states
 from tests.synthetic import fake_samples
 
 image = pytest.importorskip("matplotlib.image")
 colors = pytest.importorskip("matplotlib.colors")
 
-POINTS = 19 * figures._PIECES + 1  # of a path
+POINTS = 19 * paths._PIECES + 1  # of a path
 SPHERE = [0.0, 4.0, 4.0]
 
 
@@ -163,14 +165,14 @@ def test_violations_need_constraints_and_as_many_plans():
     ("name", "shown"), [("-+-", "(−, +, −)"), ("cluster 3", "cluster 3"), ("left-hand", "left-hand")]
 )
 def test_signs_are_set_as_signs(name, shown):
-    assert figures._text(name) == shown
+    assert paths.cluster_text(name) == shown
 
 
 @pytest.mark.parametrize("k", [1, 4, 8, 20])
 def test_each_cluster_has_a_panel_with_its_samples(drawn, k):
     samples = samples_of(QUADCOPTER, 60)
     labels = Labels(np.arange(60) % k, tuple(f"cluster {i}" for i in range(k)), "test")
-    figure = drawn(figures.samples_figure, samples, labels, shown=5)
+    figure = drawn(space.samples_figure, samples, labels, shown=5)
     panels = panels_of(figure)
     assert len(panels) == k
     assert text_of(figure) == [f"cluster {i}: {size}" for i, size in enumerate(labels.sizes)]
@@ -201,7 +203,7 @@ def test_the_selection_of_samples_depends_on_the_seed_alone(drawn):
     labels = cluster(samples, "custom")
 
     def selection(seed):
-        return starts_of(panels_of(drawn(figures.samples_figure, samples, labels, shown=3, seed=seed))[0]).tolist()
+        return starts_of(panels_of(drawn(space.samples_figure, samples, labels, shown=3, seed=seed))[0]).tolist()
 
     assert len(selection(0)) == 3
     assert selection(0) == selection(0) != selection(1)
@@ -213,7 +215,7 @@ def test_the_nearest_samples_are_drawn_in_the_colour_of_their_cluster(drawn):
     near, far = centre - 0.02 * width * np.eye(7), centre - 0.3 * width * np.eye(7)
     p = np.concatenate([far, near])
     samples = Samples.of(QUADCOPTER_OBSTACLE, p, straight(p), np.array([0] * 7 + [1] * 4 + [2] * 3))
-    figure = drawn(figures.around_figure, samples, cluster(samples, "custom"), centre, count=7)
+    figure = drawn(space.around_figure, samples, cluster(samples, "custom"), centre, count=7)
     (axes,) = panels_of(figure)
     np.testing.assert_allclose(starts_of(axes), sorted(tuple(start) for start in near[:, :3]))
     drawn_in = {color for color, _ in paths_of(axes)}
@@ -228,13 +230,13 @@ def test_nearness_is_measured_in_widths_of_the_box(drawn):
     p = np.array([[8, 8, 8, 4, 4, 4, 3.6], [7, 8, 8, 4, 4, 4, 3.0]])
     samples = Samples.of(QUADCOPTER_OBSTACLE, p, straight(p), np.array([0, 1]))
     labels = cluster(samples, "custom")
-    (axes,) = panels_of(drawn(figures.around_figure, samples, labels, [8, 8, 8, 4, 4, 4, 3.0], count=1))
+    (axes,) = panels_of(drawn(space.around_figure, samples, labels, [8, 8, 8, 4, 4, 4, 3.0], count=1))
     np.testing.assert_allclose(starts_of(axes), [[7, 8, 8]])
 
 
 def test_without_an_obstacle_there_is_no_sphere(drawn):
     samples = samples_of(QUADCOPTER, 20)
-    (axes,) = panels_of(drawn(figures.around_figure, samples, cluster(samples, "custom"), [1, 2, 3], count=5))
+    (axes,) = panels_of(drawn(space.around_figure, samples, cluster(samples, "custom"), [1, 2, 3], count=5))
     assert len(paths_of(axes)) == 5
     assert spheres_in(axes) == 0
 
@@ -245,7 +247,7 @@ OPTIMAL = bent(P, np.arange(7) >= 3)
 
 def test_the_flip_is_shown_for_the_optimum_and_every_planner(drawn):
     plans = {"snn": straight(P), "moe": bent(P, np.arange(7) >= 4)}
-    figure = drawn(figures.flip_figure, QUADCOPTER_OBSTACLE, P, OPTIMAL, plans)
+    figure = drawn(rise.rise_figure, QUADCOPTER_OBSTACLE, P, OPTIMAL, plans)
     panels = panels_of(figure)
     worst = cases.plan_violations(QUADCOPTER_OBSTACLE, P, plans["snn"]).max()
     assert worst > 2
@@ -273,7 +275,7 @@ def test_the_flip_is_shown_for_the_optimum_and_every_planner(drawn):
 def test_lines_may_have_names_of_their_own_and_plans_that_failed_are_left_out(drawn):
     failed = with_states(straight(P), 2, np.nan)
     names = [f"case {i}" for i in range(7)]
-    figure = drawn(figures.flip_figure, QUADCOPTER_OBSTACLE, P, OPTIMAL, {"snn": failed}, names)
+    figure = drawn(rise.rise_figure, QUADCOPTER_OBSTACLE, P, OPTIMAL, {"snn": failed}, names)
     assert [len(starts_of(axes)) for axes in panels_of(figure)] == [7, 6]
     assert text_of(figure)[1] == "snn\nworst violation nan m"
     (scale,) = (axes for axes in figure.axes if axes.name != "3d")
@@ -283,7 +285,7 @@ def test_lines_may_have_names_of_their_own_and_plans_that_failed_are_left_out(dr
 
 def test_the_share_of_larger_violations(drawn):
     violations = {"snn": np.array([0.3, 0.0, 0.1, 0.2]), "moe": np.array([0.0, 0.0, 0.0, 0.4]), "optimal": [0.0, 0.0]}
-    (axes,) = drawn(figures.violations_figure, violations, "four cases").axes
+    (axes,) = drawn(violations_figure, violations, "four cases").axes
     snn, moe, optimal = (np.asarray(line.get_xydata()) for line in axes.get_lines())
     np.testing.assert_allclose(snn, [[0, 100], [0, 75], [0.1, 50], [0.2, 25], [0.3, 0]])
     np.testing.assert_allclose(moe[[-2, -1]], [[0, 25], [0.4, 0]])
@@ -300,10 +302,10 @@ def test_files_are_pictures_of_the_right_size(tmp_path):
     labels = cluster(samples, "custom")
     problem, middle = QUADCOPTER_OBSTACLE, [8, 8, 8, 4, 4, 4, 3]
     written = {
-        (8.9, 4.7): figures.samples_figure(tmp_path / "new" / "samples.png", samples, labels),
-        (6.8, 4.6): figures.around_figure(tmp_path / "around.png", samples, labels, middle, count=10),
-        (6.9, 3.2): figures.flip_figure(tmp_path / "flip.png", problem, P, OPTIMAL, {"snn": straight(P)}),
-        (5.6, 3.6): figures.violations_figure(tmp_path / "violations.png", {"snn": np.linspace(0, 1, 9)}, "title"),
+        (8.9, 4.7): space.samples_figure(tmp_path / "new" / "samples.png", samples, labels),
+        (6.8, 4.6): space.around_figure(tmp_path / "around.png", samples, labels, middle, count=10),
+        (6.9, 3.2): rise.rise_figure(tmp_path / "flip.png", problem, P, OPTIMAL, {"snn": straight(P)}),
+        (5.6, 3.6): violations_figure(tmp_path / "violations.png", {"snn": np.linspace(0, 1, 9)}, "title"),
     }
     for inches, path in written.items():
         picture = image.imread(path)[..., :3]
@@ -320,11 +322,11 @@ def test_a_picture_in_space_is_needed(tmp_path):
     samples = fake_samples(10)
     labels, path = cluster(samples, "custom"), tmp_path / "no.png"
     with pytest.raises(ValueError, match=r"PendulumSwingup-v0.*picture in space"):
-        figures.samples_figure(path, samples, labels)
+        space.samples_figure(path, samples, labels)
     with pytest.raises(ValueError, match="picture in space"):
-        figures.around_figure(path, samples, labels, [0.0, 0.0])
+        space.around_figure(path, samples, labels, [0.0, 0.0])
     with pytest.raises(ValueError, match=r"DoubleIntegrator-v0.*picture in space"):
-        figures._picture_of(DOUBLE_INTEGRATOR)
+        paths.picture_of(DOUBLE_INTEGRATOR)
     assert not path.exists()
 
 
@@ -333,34 +335,34 @@ def test_samples_that_do_not_fit_are_refused(tmp_path):
     labels, path, p = cluster(samples, "custom"), tmp_path / "no.png", samples.parameters[0]
     fewer = Samples.of(QUADCOPTER_OBSTACLE, samples.parameters[:3], samples.trajectory[:3], samples.mode[:3])
     with pytest.raises(ValueError, match="each of 3 samples, got 16"):
-        figures.samples_figure(path, fewer, labels)
+        space.samples_figure(path, fewer, labels)
     with pytest.raises(ValueError, match="each of 3 samples, got 16"):
-        figures.around_figure(path, fewer, labels, p)
+        space.around_figure(path, fewer, labels, p)
     with pytest.raises(ValueError, match="at least 1, got 0"):
-        figures.samples_figure(path, samples, labels, shown=0)
+        space.samples_figure(path, samples, labels, shown=0)
     with pytest.raises(ValueError, match=r"k must lie in 1 … 16.*got 40"):
-        figures.around_figure(path, samples, labels, p)
+        space.around_figure(path, samples, labels, p)
     with pytest.raises(ValueError, match=r"one parameter \(7,\), got \(2, 7\)"):
-        figures.around_figure(path, samples, labels, samples.parameters[:2])
+        space.around_figure(path, samples, labels, samples.parameters[:2])
     with pytest.raises(ValueError, match=r"\(B, 7\) or \(7,\), got \(3,\)"):
-        figures.around_figure(path, samples, labels, p[:3])
+        space.around_figure(path, samples, labels, p[:3])
     assert not path.exists()
 
 
 def test_plans_that_do_not_fit_are_refused(tmp_path):
     path, problem = tmp_path / "no.png", QUADCOPTER_OBSTACLE
     with pytest.raises(ValueError, match=r"expected 7 trajectories.*got \{'snn': 6\}"):
-        figures.flip_figure(path, problem, P, OPTIMAL, {"snn": straight(P[1:])})
+        rise.rise_figure(path, problem, P, OPTIMAL, {"snn": straight(P[1:])})
     with pytest.raises(ValueError, match=r"got \{'optimal': 6\}"):
-        figures.flip_figure(path, problem, P, OPTIMAL[1:], {"snn": straight(P)})
+        rise.rise_figure(path, problem, P, OPTIMAL[1:], {"snn": straight(P)})
     with pytest.raises(ValueError, match="each of 7 lines, got 2"):
-        figures.flip_figure(path, problem, P, OPTIMAL, {}, ["first", "last"])
+        rise.rise_figure(path, problem, P, OPTIMAL, {}, ["first", "last"])
     other = P.copy()
     other[3, 6] = 2.5
     with pytest.raises(ValueError, match=r"one \(cx, cy, cz, radius\) for all"):
-        figures.flip_figure(path, problem, other, OPTIMAL, {})
+        rise.rise_figure(path, problem, other, OPTIMAL, {})
     with pytest.raises(ValueError, match="Quadcopter-v0 has no path constraints"):
-        figures.flip_figure(path, QUADCOPTER, P[:, :3], OPTIMAL, {})
+        rise.rise_figure(path, QUADCOPTER, P[:, :3], OPTIMAL, {})
     assert not path.exists()
 
 
@@ -377,5 +379,20 @@ def test_plans_that_do_not_fit_are_refused(tmp_path):
 )
 def test_violations_that_are_none_are_refused(tmp_path, violations, message):
     with pytest.raises(ValueError, match=message):
-        figures.violations_figure(tmp_path / "no.png", violations, "title")
+        violations_figure(tmp_path / "no.png", violations, "title")
     assert not (tmp_path / "no.png").exists()
+
+
+# -- margins -----------------------------------------------------------------------------------------------------------
+
+
+def test_margins_are_curves_of_violation_against_cost_and_the_optimum_is_a_star(drawn):
+    rows = [
+        MarginRow(margin=None, row=row("optimal", 10, 10, 1.0, 0.0)),
+        *(MarginRow(margin=margin, row=row("snn", 9, 9, 1 + margin, 0.5 - margin)) for margin in (0.0, 0.25)),
+    ]
+    (axes,) = drawn(margins_figure, rows).axes
+    optimum, curve = axes.get_lines()
+    assert (optimum.get_marker(), *optimum.get_xydata()[0]) == ("*", 0.0, 0.0)
+    np.testing.assert_allclose(curve.get_xydata(), [[0.0, 0.5], [25.0, 0.25]])
+    assert [text.get_text() for text in axes.texts] == ["0", "0.25"]

@@ -15,9 +15,7 @@ from types import MappingProxyType
 import numpy as np
 
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.figures import phase as figures
-from moe_policy.experiments.figures import plane as trajectory_figures
-from moe_policy.experiments.figures import space as space_figures
+from moe_policy.experiments.figures import histories, interpolation, phase, plane, space
 from moe_policy.experiments.figures.cases import find_discontinuity, follow, plan_violations, rise_parameters
 from moe_policy.experiments.figures.details import (
     Case,
@@ -28,6 +26,8 @@ from moe_policy.experiments.figures.details import (
     Sizes,
 )
 from moe_policy.experiments.figures.material import Material
+from moe_policy.experiments.figures.rise import rise_figure
+from moe_policy.experiments.figures.violations import violations_figure
 from moe_policy.experiments.records import Record
 from moe_policy.planners.nearest import NearestPlanner
 from ocp_envs.problem import OptimalControlProblem
@@ -65,47 +65,47 @@ def _jump(material: Material, path: Path) -> DiscontinuityCase:
     p = validation.parameters[chosen]
     plans = {name: planner(p) for name, planner in material.pair.items()}
     optimal = validation.trajectory[chosen]
-    figures.discontinuity_figure(path, material.training, material.families, optimal, plans)
+    phase.discontinuity_figure(path, material.training, material.families, optimal, plans)
     return DiscontinuityCase(parameters=tuple(p.tolist()), cost_difference=float(differences[chosen]))
 
 
 def _clusters(material: Material, path: Path) -> PartitionSizes:
-    figures.clusters_figure(path, material.training, material.labels)
+    phase.clusters_figure(path, material.training, material.labels)
     return PartitionSizes(sizes={name: tuple(map(int, labels.sizes)) for name, labels in material.labels.items()})
 
 
 def _errors(material: Material, path: Path) -> None:
-    figures.error_figure(path, material.errors, material.problem.goal.radius)
+    phase.error_figure(path, material.errors, material.problem.goal.radius)
 
 
 def _histograms(material: Material, path: Path) -> None:
     shown = {name: material.errors[name] for name in material.pair}
-    trajectory_figures.error_histograms_figure(path, shown, material.problem.goal.radius)
+    histories.error_histograms_figure(path, shown, material.problem.goal.radius)
 
 
 def _plane_samples(material: Material, path: Path) -> Sizes:
-    trajectory_figures.samples_figure(path, material.training, material.clusters)
+    plane.samples_figure(path, material.training, material.clusters)
     return Sizes(sizes=tuple(map(int, material.clusters.sizes)))
 
 
 def _histories(material: Material, path: Path) -> None:
-    trajectory_figures.histories_figure(path, material.training, material.clusters)
+    histories.histories_figure(path, material.training, material.clusters)
 
 
 def _interpolation(material: Material, path: Path) -> Case:
     training, validation, pair = material.training, material.validation, material.pair
     single, mixture = pair.values()
-    chosen = trajectory_figures.choose_interpolated(validation, single, mixture, training, NEIGHBOURS)
+    chosen = interpolation.choose_interpolated(validation, single, mixture, training, NEIGHBOURS)
     p = validation.parameters[chosen]
     around = NearestPlanner(training).neighbours(p, NEIGHBOURS)[0]
     plans = {name: planner(p) for name, planner in pair.items()}
     optimal = validation.trajectory[chosen]
-    trajectory_figures.interpolation_figure(path, optimal, training[around], plans, material.problem)
+    interpolation.interpolation_figure(path, optimal, training[around], plans, material.problem)
     return Case(parameters=tuple(p.tolist()))
 
 
 def _space_samples(material: Material, path: Path) -> Sizes:
-    space_figures.samples_figure(path, material.training, material.clusters)
+    space.samples_figure(path, material.training, material.clusters)
     return Sizes(sizes=tuple(map(int, material.clusters.sizes)))
 
 
@@ -113,14 +113,14 @@ def _violations(material: Material, path: Path) -> MeanViolations:
     # A plan that was rejected has no knots.
     found = {name: episodes.knot_violation for name, episodes in material.episodes.items()}
     found = {name: values[np.isfinite(values)] for name, values in found.items()}
-    space_figures.violations_figure(path, found, "rollouts that enter the sphere")
+    violations_figure(path, found, "rollouts that enter the sphere")
     return MeanViolations(mean={name: float(values.mean()) for name, values in found.items()})
 
 
 def _around(material: Material, path: Path) -> Case:
     parameters = benchmark_of(material.problem).figures.around
     assert parameters is not None
-    space_figures.around_figure(path, material.training, material.families, parameters)
+    space.around_figure(path, material.training, material.families, parameters)
     return Case(parameters=parameters)
 
 
@@ -134,7 +134,7 @@ def _flip(material: Material, path: Path) -> RiseCase:
     both = Trajectory.concatenate([rising, falling[back]])
     optimal = both[np.where(up <= down, np.arange(len(p)), len(p) + np.arange(len(p)))]
     plans = {name: planner(p) for name, planner in material.planners.items()}
-    space_figures.flip_figure(path, problem, p, optimal, plans)
+    rise_figure(path, problem, p, optimal, plans)
     violations = {name: plan_violations(problem, p, batch) for name, batch in {"optimal": optimal, **plans}.items()}
     row = find_discontinuity(optimal)
     return RiseCase(
