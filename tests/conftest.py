@@ -6,6 +6,14 @@ import pytest
 from tests.synthetic import fake_samples
 
 
+@pytest.fixture(scope="module")
+def interpreted():
+    """Solver functions are interpreted: compiling those of a quadcopter takes half a minute, a few solves seconds."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setenv("CC", "none")
+        yield
+
+
 @pytest.fixture(scope="session")
 def samples_of_three_modes():
     """Synthetic samples of the pendulum in three solution families."""

@@ -21,6 +21,11 @@ from ocp_envs.sets.sampling import sample
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.solver import GuardedSolver
 
+#: Few solves, of large problems.
+pytestmark = [
+    pytest.mark.usefixtures("interpreted"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+]
 PROBLEMS = tuple({problem.id: problem for problem in (*BENCHMARK, QUADCOPTER, QUADCOPTER_OBSTACLE)}.values())
 #: Problems whose reference sets are in the package.
 REFERENCED = tuple(p for p in BENCHMARK if all(reference.path_of(p, split).exists() for split in reference.SHIPPED))
@@ -137,12 +142,12 @@ def test_sets_are_disjoint(problem):
 def test_no_warm_start_finds_less_than_the_reference_cost(problem):
     shipped = reference.load(problem, "validation")
     nearest = moe_policy.load(problem.id, "nearest")
-    p, best = shipped.parameters[:20], shipped.cost[:20]
+    p, best = shipped.parameters[:10], shipped.cost[:10]
     with GuardedSolver(problem) as solver:  # fatrop hangs on some warm starts of the obstacle problem
         planner = SolverPlanner(problem, nearest, solver=solver)
         cost = planner.best(p)[1]
     assert (cost > best * (1 - 1e-3)).all()
-    assert (cost < best * (1 + 1e-3)).sum() >= 18
+    assert (cost < best * (1 + 1e-3)).sum() >= 9
 
 
 # -- models ------------------------------------------------------------------------------------------------------------

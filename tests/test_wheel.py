@@ -70,7 +70,8 @@ def test_the_wheel_holds_the_packages_and_their_data_and_nothing_else(wheel):
         names = {name for name in file.namelist() if ".dist-info/" not in name}
     assert {name.partition("/")[0] for name in names} == set(PACKAGES)
     expected = set()
-    for pattern in ("**/*.py", "py.typed", "reference/**/*.npz", "models/**/*.safetensors", "models/**/*.json"):
+    code, data = ("**/*.py", "*.pyi", "py.typed"), ("reference/**/*.npz", "models/**/*.safetensors", "models/**/*.json")
+    for pattern in (*code, *data):
         for package in PACKAGES:
             expected |= {path.relative_to(ROOT).as_posix() for path in (ROOT / package).glob(pattern)}
     expected = {name for name in expected if not name.startswith("moe_policy/experiments/")}

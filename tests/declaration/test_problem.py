@@ -10,6 +10,7 @@ from ocp_envs.goal import Goal
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
+from ocp_envs.problems.description import describe
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import HOVER_THRUST, QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE
@@ -221,3 +222,10 @@ def test_modes_of_the_vehicle_are_winding_times_direction():
     trajectory = Trajectory(states, np.zeros((4, VEHICLE.knots - 1, 2)), np.ones(4))
     p, multipliers = np.zeros((4, 4)), np.zeros((4, VEHICLE.knots, 0))
     assert VEHICLE.modes.classify(VEHICLE, p, trajectory, multipliers).tolist() == [1, 2, 3, 4]
+
+
+def test_the_documentation_names_the_distribution():
+    assert "by the parameter p, uniform, in the box" in describe(PENDULUM)
+    text = describe(QUADCOPTER_OBSTACLE)
+    assert "conditioned on the optimal trajectory of Quadcopter-v0 being blocked, in the box" in text
+    assert "of the control step" in text

@@ -15,6 +15,11 @@ from ocp_envs.sets.free_paths import solve_free
 from ocp_envs.solvers.solver import GuardedSolver
 from tests.small_problems import DOUBLE_INTEGRATOR
 
+#: Few solves, of large problems.
+pytestmark = [
+    pytest.mark.usefixtures("interpreted"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+]
 START = np.array([8.0, -6.0, 4.0])
 
 

@@ -15,6 +15,11 @@ from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.system import Box
 from tests.small_problems import DOUBLE_INTEGRATOR
 
+#: Few solves, of large problems.
+pytestmark = [
+    pytest.mark.usefixtures("interpreted"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+]
 BEYOND = (0.10, 0.25)
 
 

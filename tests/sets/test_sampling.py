@@ -27,7 +27,12 @@ from scripts import make_starts
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
-ROWS = 60
+#: Few solves, of large problems.
+pytestmark = [
+    pytest.mark.usefixtures("interpreted"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+]
+ROWS = 24
 #: The first row of a sample with seed 5, of a draw from outside the box with seed 5, and of a reset with seed 3.
 RECORDED = {
     "PendulumSwingup-v0": (
@@ -175,7 +180,7 @@ def test_a_conditioned_sample_depends_on_seed_and_index_alone(drawn):
 
 def test_workers_and_chunks_change_nothing(drawn, monkeypatch):
     monkeypatch.setattr(sampling, "_CHUNK", 9)
-    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, 30, workers=2), drawn[:30])
+    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, ROWS, workers=2), drawn)
 
 
 def test_interpolated_paths_decide_as_solved_ones_do(drawn, monkeypatch):
@@ -258,6 +263,8 @@ def test_the_radius_must_be_a_coordinate_of_the_context():
 
 def test_a_distribution_that_is_not_known_cannot_be_sampled():
     class Corner(Distribution):
+        text = "in the corner"
+
         def check(self, problem):
             pass
 
@@ -343,11 +350,11 @@ def test_the_script_makes_both_tables_and_keeps_those_that_are_there(monkeypatch
         run_script(monkeypatch, tmp_path, "--again")  # the package is replaced only on request
     run_script(monkeypatch, tmp_path)
     assert (written, list(tmp_path.iterdir())) == ({}, [])
-    run_script(monkeypatch, tmp_path, "--again", "--ship", "--paths", "60", "--fresh", "5", "--starts", "3")
+    run_script(monkeypatch, tmp_path, "--again", "--ship", "--paths", "44", "--fresh", "3", "--starts", "3")
     starts = written["QuadcopterObstacle-v0", "starts"]["parameters"]
     np.testing.assert_allclose(starts, tables.starts(QUADCOPTER_OBSTACLE)[:3], rtol=1e-12)
     paths = written["Quadcopter-v0", "paths"]
-    assert paths["spines"].shape == (60, 20, 2, 3)
+    assert paths["spines"].shape == (44, 20, 2, 3)
     np.testing.assert_allclose(paths["spines"][:, 0, 0], paths["parameters"], atol=1e-5)
     record = json.loads((tmp_path / "starts_QuadcopterObstacle-v0.json").read_text())
     assert record["errors"]["1"] == paths["error"] > 0.01
