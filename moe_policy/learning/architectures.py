@@ -71,8 +71,6 @@ PAPER_SIZES: Mapping[str, Architecture] = MappingProxyType(
         "QuadcopterObstacle-v0": Architecture((1000, 1000), (200, 200), Experts((200, 200), (200, 200))),
     }
 )
-#: Hidden layers of the single networks of the paper's depth ablation on the pendulum, in addition to (300,).
-PENDULUM_ABLATION: tuple[Hidden, ...] = ((50, 20), (20, 50), (30, 30, 30))
 
 
 def architecture_of(problem: OptimalControlProblem) -> Architecture:
