@@ -108,7 +108,7 @@ class Integration(Record):
 class DataReport(Record):
     """What the databases of a problem hold, by split."""
 
-    env_id: str = renamed("problem")
+    env_id: str
     splits: dict[str, SplitReport]
     integration: Integration
     provenance: Provenance

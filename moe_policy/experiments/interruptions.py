@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from moe_policy.experiments.records import Record, inline, renamed
+from moe_policy.experiments.records import Record, inline
 from moe_policy.experiments.totals import Totals
 from ocp_envs.support.provenance import Provenance
 
@@ -70,7 +70,7 @@ class Interruptions(Record):
     digests: dict[str, str]
     equal: bool
     reference_seconds: float | None
-    env_id: str = renamed("problem")
+    env_id: str
     split: str | None
     seed: int
     totals: Totals

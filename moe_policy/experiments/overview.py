@@ -12,7 +12,7 @@ from functools import partial
 
 from moe_policy.experiments.benchmark.parts import Overview
 from moe_policy.experiments.comparison import Comparison
-from moe_policy.experiments.records import Record, inline, renamed
+from moe_policy.experiments.records import Record, inline
 from moe_policy.experiments.tables import Column
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import Metrics
@@ -29,7 +29,7 @@ class OverviewRow(Record):
         cells: text by the title of the methods' column; methods that the problem lacks are missing.
     """
 
-    env_id: str = renamed("problem")
+    env_id: str
     measure: str
     cells: dict[str, str | None] = inline()
 

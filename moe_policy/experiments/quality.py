@@ -94,7 +94,7 @@ class CheckedDatabase(Record):
 class Quality(Record):
     """Data quality of one problem, by way of solving and by database."""
 
-    env_id: str = renamed("problem")
+    env_id: str
     cases: int
     cases_from: str | Absent = ABSENT
     tolerance: float

@@ -8,7 +8,7 @@ A record is declared once; its fields, in order, are the keys of the JSON object
         seconds: dict[str, float]
         ratio: float | None                              # null in the file
         memory: float | None | Absent = ABSENT           # a key that older files lack; it stays out of them
-        env_id: str = renamed("problem")                 # a field whose key has another name
+        env_id: str                 # a field whose key has another name
         metrics: Metrics = inline()                      # its keys stand among those of the row
 
     @dataclass(frozen=True, kw_only=True)

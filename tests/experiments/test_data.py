@@ -340,7 +340,7 @@ def test_the_script_reports_what_is_there(script, tmp_path, capsys):
     names = [f"data_{INTEGRATOR.id}.json", f"data_{INTEGRATOR.id}.png"]
     assert sorted(path.name for path in (tmp_path / "results").iterdir()) == names
     record = json.loads((tmp_path / "results" / names[0]).read_text())
-    assert set(record) == {"problem", "splits", "integration", "provenance"}
+    assert set(record) == {"env_id", "splits", "integration", "provenance"}
     assert list(record["splits"]) == ["training", "validation"]
     training, validation = record["splits"].values()
     assert (training["problems"], validation["problems"]) == (5, 6)

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -73,6 +73,15 @@ def test_every_result_survives_the_round_trip_byte_for_byte(name, tmp_path):
     if pattern in TYPES:
         write(tmp_path / name, read(RESULTS / name, TYPES[pattern]))
         assert (tmp_path / name).read_bytes() == (RESULTS / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_records_name_their_problem_by_env_id_alone(name):
+    """Once, several of them wrote ``problem``."""
+    assert '"problem":' not in (RESULTS / name).read_text()
+    kind = next((TYPES[pattern] for pattern in _patterns(name) if pattern in TYPES), None)
+    names = set() if kind is None else {field.name for field in fields(kind)}
+    assert not names & {"problem", "problem_id", "environment"}
 
 
 def test_no_pattern_is_left_over():

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from moe_policy.experiments.records import Record, inline, renamed
+from moe_policy.experiments.records import Record, inline
 from moe_policy.experiments.totals import Totals
 from ocp_envs.data.generation import generate
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
@@ -59,7 +59,7 @@ class SettingsRow(Record):
 class GenerationSpeed(Record):
     """Generation of the same instances with different settings, by name."""
 
-    env_id: str = renamed("problem")
+    env_id: str
     problems: int
     seed: int
     tolerance: float

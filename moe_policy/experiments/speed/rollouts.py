@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 from moe_policy.control.tracking import TrackingPolicy
-from moe_policy.experiments.records import Record, renamed
+from moe_policy.experiments.records import Record
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.envs.env import Env
@@ -37,7 +37,7 @@ class RolloutSpeed(Record):
     ``ratio``: time of an episode alone / its time in the batch.
     """
 
-    env_id: str = renamed("problem")
+    env_id: str
     planner: str
     episodes: int
     dt: float

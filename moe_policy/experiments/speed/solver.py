@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from moe_policy.experiments.records import ABSENT, Absent, Record, renamed
+from moe_policy.experiments.records import ABSENT, Absent, Record
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.warm_starts import local_fit
 from ocp_envs.data.worker import start_from
@@ -78,7 +78,7 @@ class SolverSpeed(Record):
     ``solves``: one for every winding of the goal of every instance; ``plain``: :func:`plain_ratio`.
     """
 
-    env_id: str = renamed("problem")
+    env_id: str
     seed: int
     parameters: int
     rounds: int
