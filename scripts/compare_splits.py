@@ -1,119 +1,135 @@
-"""Compare optimal control, networks, mixtures, reinforcement learning and the bare stabiliser on hard problems.
+"""Compare optimal control, networks, mixtures, reinforcement learning and the stabiliser on hard instances.
 
-All run from the same starts through the same rollout loop: those of ``uniform`` (the validation set), ``boundary``
-(next to the jump of the optimum) and ``outside`` (beyond the parameter box), as far as the problem has them;
-``scripts/make_splits.py`` makes the last two. The table goes to the terminal; with all figures, and the curves over the
-distance from the jump, to ``results/compare_splits_<env>.json``, and the picture to ``results/splits_<env>.png``. The
-pendulum takes about two minutes.
+All run from the same initial conditions through the same rollout loop: those of ``uniform`` (the validation set),
+``boundary`` (near the discontinuity of the optimum) and ``outside`` (outside the parameter box), as far as the problem
+has them; ``scripts/make_splits.py`` makes the last two. Writes ``compare_splits_<env>.json``, with the curves over the
+distance from the discontinuity, and the picture ``splits_<env>.png``. The pendulum takes about two minutes.
 
     python scripts/compare_splits.py --env GroundVehicle-v0
-    python scripts/compare_splits.py --cases 100 --results /tmp
+    python scripts/compare_splits.py --cases 100
 """
 
 from __future__ import annotations
 
-import argparse
 import time
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 
-import ocp_envs
+from moe_policy.experiments import cli
 from moe_policy.experiments.comparison import run
+from moe_policy.experiments.distances import DistanceCurves
 from moe_policy.experiments.figures.splits import splits_figure
 from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
-from moe_policy.experiments.splits import BINNED, SPLIT_COLUMNS, SPLITS, curves, judged, separations
+from moe_policy.experiments.records import write
+from moe_policy.experiments.splits import (
+    BINNED,
+    SPLIT_COLUMNS,
+    SPLITS,
+    CostDifferenceRange,
+    SplitComparison,
+    SplitMethod,
+    SplitRow,
+    SplitSummary,
+    separations,
+)
 from moe_policy.experiments.tables import text_table
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.discontinuity import discontinuity_of
+from ocp_envs.sets.reference import ReferenceSet
 from ocp_envs.sets.splits import sets_of
-from ocp_envs.support.arrays import Array
-from ocp_envs.support.provenance import provenance, write_json
-
-ROOT = Path(__file__).resolve().parents[1]
+from ocp_envs.support.provenance import provenance
 
 
-def log(text: str) -> None:
-    print(text, flush=True)
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What was found on one split.
+
+    Args:
+        cases: its instances.
+        summary: what was compared.
+        rows: by method.
+        episodes: by method.
+    """
+
+    cases: ReferenceSet
+    summary: SplitSummary
+    rows: dict[str, SplitRow]
+    episodes: dict[str, Episodes]
 
 
-def compare(
-    problem: OptimalControlProblem, methods: list[Method], split: str, cases: reference.ReferenceSet
-) -> tuple[dict[str, Any], dict[str, dict[str, Any]], dict[str, Episodes]]:
-    """All methods on one split: what was compared, and by method the row and the episodes."""
-    trajectories, found = solve_all(problem, cases.parameters, keep=ROOT / "data" / "optimal" / problem.id)
-    solved = np.isfinite(found)
-    gap = found[solved] / cases.cost[solved] - 1
-    about = {
-        "cases": len(cases),
-        "optimal_solved": int(solved.sum()),
-        "reference_gap": {
-            "within_0.1_percent": int((np.abs(gap) < 1e-3).sum()),
-            "largest": float(gap.max(initial=0.0)),
-            "smallest": float(gap.min(initial=0.0)),
-        },
-    }
-    # What was solved is followed, not solved again.
+def compare_on(problem: OptimalControlProblem, methods: Sequence[Method], split: str, cases: ReferenceSet) -> Outcome:
+    """The optimum and all ``methods`` on the ``cases`` of one ``split``."""
+    trajectories, costs = solve_all(problem, cases.parameters, keep=cli.DATA / "optimal" / problem.id)
+    solved = np.isfinite(costs)
     optimal = Method("optimal", StoredPlans(cases.parameters, trajectories))
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, SplitRow] = {}
     episodes: dict[str, Episodes] = {}
     for method in [optimal, *methods]:
         row, made = run(problem, method, cases.parameters, baseline=episodes.get("optimal"), batches=())
-        rows[method.name], episodes[method.name] = row.to_json() | {"judged": judged(problem, made)}, made
-        log(f"{split}, {method.name}: {row.metrics.success.count} of {len(cases)}")
-    return about, rows, episodes
+        rows[method.name], episodes[method.name] = SplitRow.of(problem, row, made), made
+        cli.say(f"{split}, {method.name}: {row.metrics.success.count} of {len(cases)}")
+    summary = SplitSummary(
+        cases=len(cases),
+        optimal_solved=int(solved.sum()),
+        reference_difference=CostDifferenceRange.of(costs[solved], cases.cost[solved]),
+        separations=separations(problem, rows),
+    )
+    return Outcome(cases, summary, rows, episodes)
+
+
+def curves_of(problem: OptimalControlProblem, outcomes: Mapping[str, Outcome]) -> DistanceCurves | None:
+    """The curves over the distance from the discontinuity; ``None`` without instances near it."""
+    discontinuity = discontinuity_of(problem)
+    if "boundary" not in outcomes or discontinuity is None:
+        return None
+    used = [outcome for split, outcome in outcomes.items() if split in BINNED]
+    distances = [discontinuity.distance(problem, o.cases.parameters, o.cases.mode_costs) for o in used]
+    episodes = {name: Episodes.concatenate([outcome.episodes[name] for outcome in used]) for name in used[0].episodes}
+    return DistanceCurves.of(problem, np.concatenate(distances), episodes)
+
+
+def compare(problem: OptimalControlProblem, splits: Sequence[str], count: int | None) -> SplitComparison:
+    """The record of all methods on the first ``count`` instances, or all, of each of ``splits``."""
+    began = time.perf_counter()
+    methods = [*shipped(problem, cli.RECORDS), *stabiliser(problem)]
+    outcomes = {
+        split: compare_on(problem, methods, split, reference.load(problem, SPLITS[split])[:count]) for split in splits
+    }
+    names = ["optimal", *(method.name for method in methods)]
+    return SplitComparison(
+        env_id=problem.id,
+        splits={split: outcome.summary for split, outcome in outcomes.items()},
+        rows=tuple(
+            SplitMethod(name=name, splits={split: outcome.rows[name] for split, outcome in outcomes.items()})
+            for name in names
+        ),
+        curves=curves_of(problem, outcomes),
+        seconds=time.perf_counter() - began,
+        provenance=provenance(),
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
-    parser.add_argument("--cases", type=int, help="problems of every split; all by default")
+    parser = cli.parser(__doc__, cases="instances of every split")
     parser.add_argument("--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="which; all by default")
-    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the results")
-    arguments = parser.parse_args()
-
-    torch.set_num_threads(1)  # the networks are far too small for more
-    began = time.perf_counter()
-    problem = ocp_envs.load(arguments.env)
-    methods = [*shipped(problem, ROOT / "results"), *stabiliser(problem)]
-    there = {"validation", *sets_of(problem).hard}
-    chosen = {split: SPLITS[split] for split in arguments.splits if SPLITS[split] in there}
+    arguments = parser.parse()
+    cli.threads()
+    problem = arguments.problem
+    there = [split for split, name in SPLITS.items() if name == "validation" or name in sets_of(problem).hard]
+    chosen = [split for split in arguments.splits if split in there]
     if not chosen:
-        parser.error(f"{problem.id} has no such split; there are {', '.join(s for s in SPLITS if SPLITS[s] in there)}")
-    splits: dict[str, dict[str, Any]] = {}
-    rows: dict[str, dict[str, dict[str, Any]]] = {}
-    distances: list[Array] = []
-    episodes: list[dict[str, Episodes]] = []
-    discontinuity = discontinuity_of(problem)
-    for split, name in chosen.items():
-        cases = reference.load(problem, name)[: arguments.cases]
-        splits[split], rows[split], made = compare(problem, methods, split, cases)
-        if split in BINNED and discontinuity is not None:
-            distances.append(discontinuity.distance(problem, cases.parameters, cases.mode_costs))
-            episodes.append(made)
-
-    names = ["optimal", *(method.name for method in methods)]
-    joined = {name: Episodes.concatenate([made[name] for made in episodes]) for name in names} if episodes else {}
-    table = [{"name": name, **{split: rows[split][name] for split in rows}} for name in names]
-    record = {
-        "env_id": problem.id,
-        "splits": {
-            split: about | {"separations": separations(problem, rows[split])} for split, about in splits.items()
-        },
-        "rows": table,
-        "curves": curves(problem, np.concatenate(distances), joined) if "boundary" in rows else None,
-        "seconds": time.perf_counter() - began,
-        "provenance": provenance(),
-    }
-    write_json(arguments.results / f"compare_splits_{problem.id}.json", record)
+        parser.error(f"{problem.id} has no such split; there are {', '.join(there)}")
+    record = compare(problem, chosen, arguments.cases)
+    path = arguments.results / f"compare_splits_{problem.id}.json"
+    write(path, record)
     figure = splits_figure(arguments.results / f"splits_{problem.id}.png", problem, record)
-    log(f"\n{text_table(table, SPLIT_COLUMNS)}")
-    log(f"{record['seconds']:.0f} s; written to {arguments.results / f'compare_splits_{problem.id}.json'} and {figure}")
+    cli.say(f"\n{text_table(record.rows, SPLIT_COLUMNS)}")
+    cli.say(f"{record.seconds:.0f} s; written to {path} and {figure}")
 
 
 if __name__ == "__main__":

@@ -1,60 +1,73 @@
-"""Make the hard sets of an environment with their reference costs, and write them into the package.
+"""Make the hard sets of a problem with their reference costs.
 
-``boundary``: problems next to the jump of the optimum; ``outside``: problems beyond the parameter box. What they are
-exactly stands in ``ocp_envs/splits.py``. Databases go to ``data/<env-id>/hard/``, and the same command goes on where an
-earlier one was interrupted; parameters and costs go to ``ocp_envs/reference/<env-id>/<set>.npz``, and what it took to
-``results/splits_<env-id>.json``.
+``boundary``: instances near the discontinuity of the optimum; ``outside``: instances outside the parameter box; they
+are declared in ``ocp_envs/sets/splits.py``. Databases go to ``data/<env>/hard/``; an interrupted command continues when
+it is called again. Parameters and costs go to ``runs/tables/<env>/<set>.npz``, with ``--ship`` into the package; the
+record of their making is ``splits_<env>.json``.
 
     python scripts/make_splits.py --env GroundVehicle-v0
-    python scripts/make_splits.py --splits boundary --cases 20 --tables /tmp/tables --results /tmp
+    python scripts/make_splits.py --splits boundary --cases 20
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
-import ocp_envs
+from moe_policy.experiments import cli
+from moe_policy.experiments.hard_sets import HardSetReport, HardSets
+from moe_policy.experiments.records import write
 from ocp_envs import tables
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
+from ocp_envs.sets.hard_sets import HardSet
 from ocp_envs.sets.making import make, smaller
+from ocp_envs.sets.reference import ReferenceSet
 from ocp_envs.sets.splits import sets_of
-from ocp_envs.support.provenance import provenance, write_json
+from ocp_envs.support.provenance import provenance
 
-ROOT = Path(__file__).resolve().parents[1]
+
+def made(
+    problem: OptimalControlProblem, name: str, hard: HardSet, folder: Path, workers: int | None
+) -> tuple[ReferenceSet, HardSetReport]:
+    """The set ``hard`` called ``name``, solved in ``folder`` by ``workers`` processes, and how it was made."""
+    resumed, began = (folder / f"{name}.zarr").exists(), time.perf_counter()
+    found, told = make(problem, name, hard, folder, workers)
+    run = {"seconds": time.perf_counter() - began, "resumed": resumed, "workers": workers}
+    return found, HardSetReport.from_json(told | run | {"provenance": provenance().to_json()})
+
+
+def sets(problem: OptimalControlProblem, names: list[str] | None, cases: int | None) -> Mapping[str, HardSet]:
+    """The declared sets called ``names``, or all, made smaller where ``cases`` are given."""
+    declared = sets_of(problem)
+    chosen = {name: declared.hard_set(name) for name in names or declared.hard}
+    return chosen if cases is None else {name: smaller(hard, cases) for name, hard in chosen.items()}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--env", default="PendulumSwingup-v0", help="name of the environment")
+    parser = cli.parser(
+        __doc__,
+        data=True,
+        workers=True,
+        cases="instances in each set, to try it out",
+        ship="write the sets into the package and the record into results/, instead of runs/",
+    )
     parser.add_argument("--splits", nargs="+", help="which sets; all by default")
-    parser.add_argument("--cases", type=int, help="fewer problems, to try it out; then --tables must be given")
-    parser.add_argument("--data", type=Path, default=ROOT / "data", help="folder of the databases")
-    parser.add_argument("--tables", type=Path, default=tables.FOLDER, help="folder of the tables; the package's own")
-    parser.add_argument("--workers", type=int, help="processes; one per core by default")
-    parser.add_argument("--results", type=Path, default=ROOT / "results", help="folder of the record")
-    arguments = parser.parse_args()
-    if arguments.cases and arguments.tables == tables.FOLDER:
-        parser.error("--cases makes smaller sets than the package's own; give another folder with --tables")
-
-    problem = ocp_envs.load(arguments.env)
-    chosen = {name: sets_of(problem).hard_set(name) for name in arguments.splits or sets_of(problem).hard}
-    folder = arguments.data / problem.id / "hard"
-    if arguments.cases:
-        chosen = {name: smaller(hard, arguments.cases) for name, hard in chosen.items()}
-        folder /= str(arguments.cases)
-    for name, hard in chosen.items():
-        resumed, began = (folder / f"{name}.zarr").exists(), time.perf_counter()
-        found, record = make(problem, name, hard, folder, arguments.workers)
-        seconds = time.perf_counter() - began
-        print(f"wrote {reference.write(problem, name, found, arguments.tables)}")
-        print(f"{name}: {len(found)} of {record['candidates']} candidates, {seconds:.0f} s", flush=True)
-        record |= {"seconds": seconds, "resumed": resumed, "workers": arguments.workers, "provenance": provenance()}
-        path = arguments.results / f"splits_{problem.id}.json"
-        earlier = json.loads(path.read_text()) if path.exists() else {}
-        write_json(path, earlier | {name: record})
+    parser.add_argument("--tables", metavar="FOLDER", type=Path, help="where sets go; runs/tables by default")
+    arguments = parser.parse()
+    folder = arguments.tables or (tables.FOLDER if arguments.ship else cli.RUNS / "tables")
+    if arguments.cases and folder == tables.FOLDER:
+        parser.error("--cases makes smaller sets than those of the package; leave --ship out, or name another --tables")
+    problem, path = arguments.problem, arguments.results / f"splits_{arguments.problem.id}.json"
+    databases = arguments.data / problem.id / "hard" / (str(arguments.cases) if arguments.cases else "")
+    for name, hard in sets(problem, arguments.splits, arguments.cases).items():
+        found, report = made(problem, name, hard, databases, arguments.workers)
+        cli.say(f"wrote {reference.write(problem, name, found, folder)}")
+        cli.say(f"{name}: {len(found)} of {report.candidates} candidates, {report.seconds:.0f} s")
+        record = HardSets.at(path)
+        write(path, replace(record, sets=record.sets | {name: report}))
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ part of it: ``<!-- table: NAME PART -->``.
 from __future__ import annotations
 
 import argparse
-import json
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -22,7 +21,7 @@ from moe_policy.experiments.paper_tables import SummaryTable, summary_columns
 from moe_policy.experiments.records import Record, read
 from moe_policy.experiments.seeds import TRAINING_COLUMNS, TrainingComparison, TrainingTable
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
-from moe_policy.experiments.splits import SPLIT_COLUMNS
+from moe_policy.experiments.splits import SPLIT_COLUMNS, SplitComparison
 from moe_policy.experiments.tables import Column, markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,10 +36,6 @@ def table(kind: type[R], rows: Callable[[R], Sequence[Row]], columns: Sequence[C
     return lambda path: markdown_table(rows(read(path, kind)), columns)
 
 
-def keyed_rows(columns: Sequence[Column]) -> Callable[[Path], str]:
-    return lambda path: markdown_table(json.loads(path.read_text())["rows"], columns)
-
-
 def summary(path: Path) -> str:
     found = read(path, SummaryTable)
     return markdown_table(found.rows, summary_columns(found.columns))
@@ -53,7 +48,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("table_training", None): table(TrainingTable, lambda record: record.rows, TRAINING_COLUMNS),
     ("compare", None): table(Comparison, lambda record: record.rows, COLUMNS),
     ("compare_training", None): table(TrainingComparison, lambda record: record.rows, TRAINING_COLUMNS),
-    ("compare_splits", None): keyed_rows(SPLIT_COLUMNS),
+    ("compare_splits", None): table(SplitComparison, lambda record: record.rows, SPLIT_COLUMNS),
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("budgets", None): table(Budgets, lambda record: record.rows, BUDGET_COLUMNS),
     ("benchmark_planning", "planning"): table(Latency, planning_rows, PLANNING_COLUMNS),

@@ -1,189 +1,181 @@
-"""How planners do on the splits of a problem, and how that depends on the distance from the jump of the optimum.
+"""The comparison of methods on the splits of a problem.
 
-The splits are ``uniform`` (the validation set), ``boundary`` and ``outside`` (:mod:`ocp_envs.sets.splits`); the
-distance is
-that of :mod:`ocp_envs.sets.discontinuity`. Problems of ``uniform`` and ``boundary`` are put together and sorted into
-bins of
-equal ratio of the distance. Both sets are uniform where they overlap, so that a bin of both is one of uniform problems
-at that distance. A bin has a share of successes with Wilson's interval, or a mean violation with Student's
-
-    m ± t_{0.975, n−1} s / √n,     not below 0.
+The splits are ``uniform`` (the validation set), ``boundary`` (near the discontinuity of the optimum) and ``outside``
+(outside the parameter box), see :mod:`ocp_envs.sets.splits`. Instances of ``uniform`` and ``boundary`` together make
+the curves over the distance from the discontinuity (:mod:`moe_policy.experiments.distances`): both sets are uniform
+where they overlap, so a bin of both is a bin of uniform instances at that distance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from moe_policy.experiments.tables import DASH, keyed, proportion
+from moe_policy.experiments.comparison import ComparisonRow
+from moe_policy.experiments.distances import DistanceCurves, measures_of
+from moe_policy.experiments.records import Record, inline, renamed
+from moe_policy.experiments.tables import Column, proportion
 from moe_policy.rollouts.episodes import Episodes
-from moe_policy.rollouts.intervals import Mean, Proportion
+from moe_policy.rollouts.intervals import Estimate, Proportion, disjoint
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.provenance import Provenance
 
-Record = dict[str, Any]
-
-#: The splits in the order of tables and figures, each with the reference set it is.
+#: The splits in the order of tables and figures, each with the name of its reference set.
 SPLITS = {"uniform": "validation", "boundary": "boundary", "outside": "outside"}
-#: Those whose problems make the curves.
+#: Those whose instances make the curves.
 BINNED = ("uniform", "boundary")
-#: Of the bins: how many in a factor of ten, and how few problems one may have.
-PER_DECADE, LEAST = 4, 25
-_TINY = 1e-9
 
 
-def metrics_of(problem: OptimalControlProblem) -> dict[str, str]:
-    """What is judged on ``problem``, with the label of its axis; keys are those of the rows of a comparison.
+@dataclass(frozen=True, kw_only=True)
+class SplitRow(Record):
+    """One method on one split.
 
-    Where there is an obstacle nearly every plan ends at the goal, and what tells planners apart is how far they cut
-    through it.
+    Args:
+        row: as in a comparison.
+        judged: an estimate by measure; ``None`` where the method has no plans to measure.
     """
-    if problem.n_clearances:
-        return {
-            "knot_violation_mean": "mean violation at the plan's knots, m",
-            "violation_mean": "mean violation on the whole path, m",
-        }
-    if problem.hold == 0:
-        return {"success": "success at the plan's end, %"}
-    return {"success_at_plan_end": "success at the plan's end, %", "success": "success after the hold, %"}
+
+    row: ComparisonRow = inline()
+    judged: dict[str, Estimate | None]
+
+    @classmethod
+    def of(cls, problem: OptimalControlProblem, row: ComparisonRow, episodes: Episodes) -> Self:
+        """The row of ``problem`` with the estimates from its ``episodes``."""
+        return cls(row=row, judged={m.name: m.estimate(problem, episodes) for m in measures_of(problem)})
 
 
-# -- curves ------------------------------------------------------------------------------------------------------------
+@dataclass(frozen=True, kw_only=True)
+class SplitMethod(Record):
+    """One method on all splits.
 
-
-def log_bins(distances: Array, per_decade: int = PER_DECADE, least: int = LEAST) -> Array:
-    """Edges (K + 1,) of bins with equal ratios, neighbours joined until each has ``least`` of ``distances`` (B,).
-
-    The last bin takes what is left over. Fewer than ``least`` distances are one bin.
-
-    Raises:
-        ValueError: no distances, or one that is not positive and finite.
+    Args:
+        name: of the method.
+        splits: its rows by split.
     """
-    if not len(distances) or not (np.isfinite(distances).all() and (distances > 0).all()):
-        raise ValueError("expected at least one distance, all positive and finite")
-    first, last = np.floor(np.log10(distances.min())), np.ceil(np.log10(distances.max()))
-    last = max(last, first + 1)
-    grid = np.logspace(first, last, per_decade * int(last - first) + 1)
-    grid[0], grid[-1] = min(grid[0], distances.min()), max(grid[-1], distances.max())  # powers of ten are rounded
-    counts = np.histogram(distances, grid)[0]
-    edges, inside = [grid[0]], 0
-    for count, right in zip(counts, grid[1:]):
-        inside += count
-        if inside >= least:
-            edges.append(right)
-            inside = 0
-    if inside:
-        edges = [*(edges[:-1] or edges), grid[-1]]
-    return np.array(edges)
+
+    name: str
+    splits: dict[str, SplitRow] = inline()
 
 
-def outcomes(problem: OptimalControlProblem, episodes: Episodes, metric: str) -> Array | NDArray[np.bool_] | None:
-    """What ``metric`` of :func:`metrics_of` counts, by episode, (B,); ``None`` where there is no plan to judge."""
-    planned = bool(np.isfinite(episodes.plan_end_error).any())
-    values: Mapping[str, Callable[[], Any]] = {
-        "success": lambda: episodes.success,
-        "success_at_plan_end": lambda: episodes.plan_end_error < problem.goal.radius if planned else None,
-        "violation_mean": lambda: episodes.violation,
-        "knot_violation_mean": lambda: episodes.knot_violation if planned else None,
-    }
-    return values[metric]()
+@dataclass(frozen=True, kw_only=True)
+class CostDifferenceRange(Record):
+    """The relative difference J / J_ref − 1 of the optimal planner's costs from the reference.
+
+    Args:
+        within: number of cases within 0.1 %.
+        largest: maximum, at least 0.
+        smallest: minimum, at most 0.
+    """
+
+    within: int = renamed("within_0.1_percent")
+    largest: float
+    smallest: float
+
+    @classmethod
+    def of(cls, costs: Array, reference: Array) -> Self:
+        """The differences of ``costs`` (B,), all finite, from ``reference`` (B,)."""
+        difference = costs / reference - 1
+        return cls(
+            within=int((np.abs(difference) < 1e-3).sum()),
+            largest=float(difference.max(initial=0.0)),
+            smallest=float(difference.min(initial=0.0)),
+        )
 
 
-def curves(problem: OptimalControlProblem, distances: Array, episodes: Mapping[str, Episodes]) -> Record:
-    """How each policy does at which distance from the jump, as JSON.
+@dataclass(frozen=True, kw_only=True)
+class Separation(Record):
+    """Whether the single network and a mixture differ by more than their intervals.
+
+    Args:
+        metric: name of the measure.
+        mixture: name of the mixture.
+        disjoint: whether the intervals have no point in common.
+    """
+
+    metric: str
+    mixture: str
+    disjoint: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitSummary(Record):
+    """What was compared on one split.
+
+    Args:
+        cases: number of instances.
+        optimal_solved: number of those that the optimal planner solved.
+        reference_difference: of its costs from the reference.
+        separations: between the single network and the mixtures.
+    """
+
+    cases: int
+    optimal_solved: int
+    reference_difference: CostDifferenceRange = renamed("reference_gap")
+    separations: tuple[Separation, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitComparison(Record):
+    """All methods of one problem on its splits: ``compare_splits_<env>.json``.
+
+    Args:
+        env_id: id of the problem.
+        splits: what was compared, by split.
+        rows: one for each method.
+        curves: over the distance from the discontinuity; ``None`` where there is none.
+        seconds: duration of the run.
+        provenance: of the record.
+    """
+
+    env_id: str
+    splits: dict[str, SplitSummary]
+    rows: tuple[SplitMethod, ...]
+    curves: DistanceCurves | None
+    seconds: float
+    provenance: Provenance
+
+
+def separations(problem: OptimalControlProblem, rows: Mapping[str, SplitRow]) -> tuple[Separation, ...]:
+    """Whether the single network and each mixture differ by more than their intervals.
 
     Args:
         problem: the problem.
-        distances: of the episodes' problems from the jump, (B,); those that are not finite are left out and counted.
-        episodes: by the name of the policy, B each, all from the same starts.
-
-    Returns:
-        ``edges`` of the bins; the problems and the geometric mean of the distances of each; and under ``metrics``, by
-        metric and policy, a record for each bin.
-    """
-    known = np.isfinite(distances)
-    inside = np.maximum(distances[known], _TINY)
-    edges = log_bins(inside)
-    place = np.clip(np.searchsorted(edges, inside, side="right") - 1, 0, len(edges) - 2)
-    rows = [np.flatnonzero(known)[place == i] for i in range(len(edges) - 1)]
-    metrics: Record = {}
-    for metric in metrics_of(problem):
-        judged = {name: outcomes(problem, found, metric) for name, found in episodes.items()}
-        metrics[metric] = {
-            name: [_bin(values[chosen]) for chosen in rows] for name, values in judged.items() if values is not None
-        }
-    return {
-        "edges": edges,
-        "problems": [len(chosen) for chosen in rows],
-        "distance": [float(np.exp(np.log(inside[place == i]).mean())) for i in range(len(rows))],
-        "distance_unknown": int((~known).sum()),
-        "metrics": metrics,
-    }
-
-
-def _bin(values: NDArray[Any]) -> Record | None:
-    found = Proportion.of(values) if values.dtype == bool else Mean.of(values)
-    return None if found is None else found.to_json()
-
-
-def judged(problem: OptimalControlProblem, episodes: Episodes) -> Record:
-    """Every metric of ``problem`` over all ``episodes`` with its interval, as JSON; ``None`` without a judged plan."""
-    values = {metric: outcomes(problem, episodes, metric) for metric in metrics_of(problem)}
-    return {metric: None if found is None else _bin(found) for metric, found in values.items()}
-
-
-# -- separation --------------------------------------------------------------------------------------------------------
-
-
-def disjoint(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
-    """Whether the intervals of two shares or means, as JSON, have no point in common."""
-    (low, high), (lower, higher) = one["interval"], other["interval"]
-    return bool(high < lower or higher < low)
-
-
-def separations(problem: OptimalControlProblem, rows: Mapping[str, Mapping[str, Any]]) -> list[Record]:
-    """Whether figures of the single network and of each mixture differ by more than their intervals, as JSON.
-
-    Args:
-        problem: the problem.
-        rows: by the name of the planner, with what :func:`judged` tells under ``judged``.
+        rows: of the planners on one split, by name.
     """
     found = []
-    for metric in metrics_of(problem):
+    for measure in measures_of(problem):
+        single = rows["snn"].judged[measure.name] if "snn" in rows else None
         for name, row in rows.items():
-            if name.startswith("moe-") and "snn" in rows:
-                apart = disjoint(rows["snn"]["judged"][metric], row["judged"][metric])
-                found.append({"metric": metric, "mixture": name, "disjoint": apart})
-    return found
+            mixture = row.judged[measure.name]
+            if name.startswith("moe-") and single is not None and mixture is not None:
+                apart = disjoint(single, mixture)
+                found.append(Separation(metric=measure.name, mixture=name, disjoint=apart))
+    return tuple(found)
 
 
-# -- table -------------------------------------------------------------------------------------------------------------
+def _of_total(value: Proportion) -> str:
+    return f"{proportion(value)} of {value.total:,}"
 
 
-def _cell(key: str, form: Callable[[Any], str]) -> Callable[[Mapping[str, Any]], str]:
-    return lambda row: DASH if row.get(key) is None else form(row[key])
-
-
-def _share(record: Mapping[str, Any]) -> str:
-    return f"{proportion(Proportion(record['count'], record['total']))} of {record['total']:,}"
-
-
-def _ratio(record: Mapping[str, Any]) -> str:
-    return DASH if record["ratio"] is None else f"{record['ratio']:.3f}"
-
-
-_SHOWN: tuple[tuple[str, str, Callable[[Any], str]], ...] = (
-    ("success_at_plan_end", "at the plan's end (95 % interval)", _share),
-    ("success", "success", _share),
-    ("knot_violation_mean", "mean violation at knots, m", "{:.3f}".format),
-    ("violation_mean", "… on the whole path", "{:.3f}".format),
-    ("cost_ratio", "cost / optimal", _ratio),
+#: Columns for each split.
+_SHOWN: tuple[Column[ComparisonRow], ...] = (
+    Column("at the plan's end (95 % interval)", lambda row: row.metrics.success_at_plan_end, _of_total),
+    Column("success", lambda row: row.metrics.success, _of_total),
+    Column("mean violation at knots, m", lambda row: row.metrics.knot_violation_mean, ".3f"),
+    Column("… on the whole path", lambda row: row.metrics.violation_mean, ".3f"),
+    Column("cost / optimal", lambda row: row.metrics.relative_cost, ".3f"),
 )
-#: One row for each policy, whose figures on a split stand under the split's name.
-SPLIT_COLUMNS = (
-    keyed("name", "policy"),
-    *(keyed(split, f"{split}: {title}", _cell(key, form)) for split in SPLITS for key, title, form in _SHOWN),
+
+
+def _on(split: str, of: Callable[[ComparisonRow], Any]) -> Callable[[SplitMethod], Any]:
+    return lambda method: of(method.splits[split].row) if split in method.splits else None
+
+
+SPLIT_COLUMNS: tuple[Column[SplitMethod], ...] = (
+    Column("policy", lambda method: method.name),
+    *(Column(f"{split}: {shown.title}", _on(split, shown.of), shown.form) for split in SPLITS for shown in _SHOWN),
 )

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,8 +18,22 @@ Json = dict[str, object]
 Interval = tuple[float, float]
 
 
+class Estimate:
+    """A fraction or a mean, with the bounds of its interval in ``interval``."""
+
+    if TYPE_CHECKING:  # a property of one class, a field of the other
+
+        @property
+        def interval(self) -> Interval: ...
+
+    @classmethod
+    def from_json(cls, content: Any) -> Estimate:
+        """The :class:`Proportion` or the :class:`Mean` whose JSON is ``content``."""
+        return (Proportion if isinstance(content, dict) and "count" in content else Mean).from_json(content)
+
+
 @dataclass(frozen=True)
-class Proportion:
+class Proportion(Estimate):
     """A fraction of cases, with the Wilson interval at 95 % confidence.
 
     The interval is that of Wilson, *Probable inference, the law of succession, and statistical inference* (1927). It
@@ -68,7 +82,7 @@ class Proportion:
 
 
 @dataclass(frozen=True)
-class Mean:
+class Mean(Estimate):
     """A mean of values that are not negative, with Student's interval at 95 % confidence.
 
     Args:
@@ -103,7 +117,7 @@ class Mean:
         return cls(content["mean"], content["total"], _interval(content["interval"]))
 
 
-def disjoint(one: Proportion | Mean, other: Proportion | Mean) -> bool:
+def disjoint(one: Estimate, other: Estimate) -> bool:
     """Whether the intervals of ``one`` and ``other`` have no point in common."""
     (low, high), (lower, higher) = one.interval, other.interval
     return high < lower or higher < low

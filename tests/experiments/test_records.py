@@ -12,6 +12,7 @@ from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.failures import Diagnosis
 from moe_policy.experiments.generation import Generation
+from moe_policy.experiments.hard_sets import HardSets
 from moe_policy.experiments.interruptions import Interruptions
 from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.learners import LearnerTraining, Search
@@ -25,6 +26,7 @@ from moe_policy.experiments.speed.environments import EnvironmentSpeed
 from moe_policy.experiments.speed.generation import GenerationSpeed
 from moe_policy.experiments.speed.rollouts import RolloutSpeed
 from moe_policy.experiments.speed.solver import SolverSpeed
+from moe_policy.experiments.splits import SplitComparison
 from moe_policy.experiments.start_tables import StartTables
 from ocp_envs.support.provenance import Provenance, provenance, write_json
 
@@ -40,7 +42,9 @@ TYPES: dict[str, type[Record]] = {
     "failures_*": Diagnosis,
     "budgets_*": Budgets,
     "robustness_*": Robustness,
+    "compare_splits_*": SplitComparison,
     "search_*": Search,
+    "splits_*": HardSets,
     "training_*": LearnerTraining,
     "benchmark_env.json": EnvironmentSpeed,
     "benchmark_generation_*": GenerationSpeed,
@@ -56,23 +60,17 @@ TYPES: dict[str, type[Record]] = {
     "table_summary.json": SummaryTable,
     "table_training.json": TrainingTable,
 }
-#: Patterns of the files that have no type yet.
-UNTYPED = (
-    "compare_splits_*",
-    "splits_*",
-)
 
 
 def _patterns(name: str) -> list[str]:
-    return [pattern for pattern in (*TYPES, *UNTYPED) if fnmatch(name, pattern)]
+    return [pattern for pattern in TYPES if fnmatch(name, pattern)]
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_every_result_survives_the_round_trip_byte_for_byte(name, tmp_path):
     (pattern,) = _patterns(name)
-    if pattern in TYPES:
-        write(tmp_path / name, read(RESULTS / name, TYPES[pattern]))
-        assert (tmp_path / name).read_bytes() == (RESULTS / name).read_bytes()
+    write(tmp_path / name, read(RESULTS / name, TYPES[pattern]))
+    assert (tmp_path / name).read_bytes() == (RESULTS / name).read_bytes()
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -85,7 +83,7 @@ def test_records_name_their_problem_by_env_id_alone(name):
 
 
 def test_no_pattern_is_left_over():
-    assert {pattern for name in FILES for pattern in _patterns(name)} == {*TYPES, *UNTYPED}
+    assert {pattern for name in FILES for pattern in _patterns(name)} == set(TYPES)
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,14 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from moe_policy.experiments.distances import DistanceCurves
 from moe_policy.experiments.figures import splits as figures
-from moe_policy.experiments.splits import curves, judged
+from moe_policy.experiments.splits import SplitComparison, SplitMethod
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE
+from ocp_envs.support.provenance import provenance
+from tests.experiments.test_splits import a_row
 from tests.rollouts.test_metrics import episodes
 
 
@@ -21,8 +24,15 @@ def record_of(problem, splits=("uniform", "boundary", "outside")):
         "snn": episodes(60, success=far, plan_end_error=np.where(far, 0.01, 1.0), violation=0.2 * ~far),
         "sac": episodes(60),
     }
-    rows = [{"name": name, **{s: {"judged": judged(problem, run)} for s in splits}} for name, run in made.items()]
-    return {"rows": rows, "curves": curves(problem, distances, made) if "boundary" in splits else None}
+    rows = [SplitMethod(name=n, splits=dict.fromkeys(splits, a_row(problem, n, run))) for n, run in made.items()]
+    return SplitComparison(
+        env_id=problem.id,
+        splits={},
+        rows=tuple(rows),
+        curves=DistanceCurves.of(problem, distances, made) if "boundary" in splits else None,
+        seconds=0.0,
+        provenance=provenance(),
+    )
 
 
 def test_the_pendulum_has_curves_and_marks_for_both_judgements(drawn):

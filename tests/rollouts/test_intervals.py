@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from moe_policy.rollouts.intervals import Mean, Proportion, Spread, disjoint
+from moe_policy.rollouts.intervals import Estimate, Mean, Proportion, Spread, disjoint
 
 
 @pytest.mark.parametrize(("count", "total"), [(0, 10), (7, 10), (998, 1000), (1000, 1000)])
@@ -77,6 +77,7 @@ def test_every_estimate_is_read_as_it_was_written(value):
     content = json.loads(json.dumps(value.to_json(), allow_nan=False))
     assert type(value).from_json(content) == value
     assert type(value).from_json(content).to_json() == content
+    assert isinstance(value, Spread) or Estimate.from_json(content) == value
     for wrong in (content | {"more": 1}, dict(list(content.items())[1:]), [content], content | {"total": "1"}):
         with pytest.raises(ValueError, match="expected an object with the keys"):
             type(value).from_json(wrong)

@@ -61,8 +61,8 @@ def test_make_splits_ships_sets_and_their_record(made):
 
 def test_make_splits_does_not_replace_the_packages_sets_by_smaller_ones(monkeypatch, capsys):
     with pytest.raises(SystemExit):
-        run(monkeypatch, make_splits, "--cases", 3)
-    assert "give another folder with --tables" in capsys.readouterr().err
+        run(monkeypatch, make_splits, "--cases", 3, "--ship")
+    assert "leave --ship out, or name another --tables" in capsys.readouterr().err
 
 
 @compared
