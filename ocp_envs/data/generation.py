@@ -156,7 +156,7 @@ def generate(
         begun = database.totals()["problems"]
         hidden = None if progress is None else not progress
         with (
-            tqdm(total=len(p), initial=begun, unit="problem", desc=problem.id, disable=hidden) as bar,
+            tqdm(total=len(p), initial=begun, unit="instance", desc=problem.id, disable=hidden) as bar,
             _workers(executor, workers) as pool,
         ):
             run = _Run(database, pool, bar)
