@@ -120,7 +120,11 @@ def main() -> None:
     parser = cli.parser(__doc__, data=True, workers=True, ship=ship)
     parser.add_argument("--seeds", metavar="N", type=cli.positive, default=5, help="training seeds of every model")
     parser.add_argument(
-        "--models", metavar="NAME", nargs="+", help="train these alone; with --ship the results are of the kept models"
+        "--models",
+        dest="names",
+        metavar="NAME",
+        nargs="+",
+        help="train these alone; with --ship the results are of the kept models",
     )
     arguments = parser.parse()
     cli.threads()
@@ -130,8 +134,8 @@ def main() -> None:
     total = len(training.solved(training.first(benchmark.training.instances)))
     largest = list(trainings.planned_on_all(training, total))
     runs = {run: run.key(training.key) for run in (*largest, *trainings.planned(problem, arguments.seeds, total))}
-    models = trainings.execute_all(problem, runs, folders, arguments.workers, arguments.models)
-    if arguments.models is not None and not arguments.ship:
+    models = trainings.execute_all(problem, runs, folders, arguments.workers, arguments.names)
+    if arguments.names is not None and not arguments.ship:
         return
     trained, settings = Trained(problem, benchmark, models, total), benchmark.training.settings
     first = {name: Run(name, 0, total, settings) for name in benchmark.planners.trained}

@@ -1,9 +1,11 @@
-"""Who takes part: the shipped planners and policies of a problem, and its optimal trajectories."""
+"""The methods that are compared: the shipped planners and policies of a problem, and its optimal trajectories.
+
+A planner is tracked with LQR. A learned policy acts until it first enters the goal ball; then the goal is regulated.
+"""
 
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 import threading
 import zipfile
@@ -11,7 +13,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from tqdm import tqdm
@@ -21,6 +23,8 @@ from moe_policy.control.stabiliser import Stabilised, Stabiliser
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
+from moe_policy.experiments.learners import LearnerTraining, training_file
+from moe_policy.experiments.records import read
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
@@ -33,19 +37,19 @@ from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
 from ocp_envs.trajectory import Trajectory
 
-#: Starts of one share of the optimal planner's work.
+#: Instances that one thread solves and keeps at a time.
 SHARE = 250
 
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """Somebody who takes part.
+    """A planner or a policy under a name.
 
     Args:
-        name: one of the shipped names, such as ``"moe-custom"``.
+        name: in tables; one of the shipped names, such as ``"moe-custom"``.
         actor: a planner (called with p) or a policy (with ``predict``).
-        data: what it learnt from, for the table.
-        seconds: what learning took, without the making of the data; ``None`` where nothing was learnt.
+        data: what it learnt from, in words; ``None`` where nothing was learnt.
+        seconds: duration of the training without the generation of data; ``None`` where nothing was learnt.
     """
 
     name: str
@@ -59,7 +63,13 @@ class Method:
         return None if isinstance(self.actor, Policy) else self.actor
 
     def policy(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> Policy:
-        """The actor as a policy of control period ``dt``; ``weights`` are those of tracking and hold."""
+        """The actor as a policy.
+
+        Args:
+            problem: the problem.
+            dt: control period, seconds.
+            weights: of tracking and terminal regulation; the problem's own where not given.
+        """
         if self.planner is not None:
             return TrackingPolicy(problem, self.planner, dt, weights)
         acting: Any = self.actor
@@ -69,50 +79,54 @@ class Method:
 
 
 def solutions(count: int) -> str:
-    """What a planner learnt from, in words."""
+    """What a planner learnt from in words: ``count`` solutions."""
     return f"{count:,} solutions"
 
 
 def steps(count: int) -> str:
-    """What a reinforcement learner learnt from, in words."""
+    """What a reinforcement learner learnt from in words: ``count`` control steps."""
     return f"{count:,} steps"
 
 
 def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list[Method]:
-    """The models of the package that the problem's benchmark compares: nearest neighbour, networks, learners.
+    """The shipped models that the problem's benchmark compares: nearest neighbour, networks, learners.
 
     Args:
         problem: the problem; one without shipped models has none.
-        results: folder of the learners' training records, from which steps and wall times are taken; without it the
-            policies themselves tell their steps.
+        results: folder of the learners' training records with their steps and durations; without it, or where a
+            record is missing, the steps are those of the policy and the duration is unknown.
     """
-    benchmark, there = benchmark_of(problem), store.available(problem)
+    benchmark, known = benchmark_of(problem), store.available(problem)
     methods = []
     if (nearest := store.shipped_nearest(problem)) is not None:
         methods.append(Method("nearest", nearest, solutions(len(nearest.parameters))))
     for name in benchmark.planners.compared:
-        if name in there:
+        if name in known:
             planner = store.load(problem, name, kind=NetworkPlanner)
             record = planner.details
             methods.append(Method(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
     for name in benchmark.learners.settings:
-        if name in there:
+        if name in known:
             policy = store.load(problem, name, kind=LearnedPolicy)
-            training: dict[str, Any] = {"steps": policy.details["steps"], "seconds": None}
-            record_path = None if results is None else results / f"training_{name}_{problem.id}.json"
-            if record_path is not None and record_path.exists():
-                training = json.loads(record_path.read_text())
-            methods.append(Method(name, policy, steps(training["steps"]), training["seconds"]))
+            path = None if results is None else results / training_file(name, problem.id, 0)
+            training = None if path is None or not path.exists() else read(path, LearnerTraining)
+            count = cast(int, policy.details["steps"]) if training is None else training.run.steps
+            methods.append(Method(name, policy, steps(count), None if training is None else training.run.seconds))
     return methods
 
 
 def variants(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[Method]:
-    """The networks among ``methods`` once more, used with more care; none where the problem offers nothing.
+    """The networks among ``methods``, averaged over the symmetry and with the margin, where the problem has them.
 
-    Averaged over the problem's symmetry (:class:`Symmetrised`), and keeping the margin of its benchmark
-    (:class:`WithMargin`).
+    Args:
+        problem: the problem.
+        methods: of which those with other planners are left out.
+
+    Returns:
+        methods with a :class:`~moe_policy.planners.symmetric.Symmetrised` planner, then those with a
+        :class:`~moe_policy.planners.margin.WithMargin`.
     """
-    networks = [(c, c.actor) for c in methods if isinstance(c.actor, NetworkPlanner)]
+    networks = [(method, method.actor) for method in methods if isinstance(method.actor, NetworkPlanner)]
     careful: list[tuple[Method, Symmetrised | WithMargin]] = []
     if problem.symmetry is not None:
         careful += [(method, Symmetrised(problem, planner)) for method, planner in networks]
@@ -124,12 +138,12 @@ def variants(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[
 
 
 def stabiliser(problem: OptimalControlProblem) -> list[Method]:
-    """The hold without a plan, where the goal can be held."""
+    """Terminal regulation without a plan, where the goal of ``problem`` can be held; a list of one, or empty."""
     return [Method("stabiliser", Stabiliser(problem))] if problem.hold else []
 
 
 def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | None = None) -> SolverPlanner:
-    """The solver as the comparison uses it.
+    """The optimal planner of comparisons.
 
     Args:
         problem: the problem.
@@ -141,14 +155,14 @@ def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | No
 def solve_all(
     problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None = None, keep: Path | None = None
 ) -> tuple[Trajectory, Array]:
-    """Optimal trajectories from ``p`` (B, np) and their costs (B,), with a solver process for every core.
+    """Optimal trajectories and their costs (B,), with a solver process for every core.
 
     Args:
         problem: the problem.
         p: parameters, (B, np).
         nearest: source of warm starts, as for :func:`optimal_planner`.
-        keep: folder where solved shares are kept and looked for, so that an interrupted run goes on; a share counts
-            for its problem, parameters and warm starts alone.
+        keep: folder where solved batches are kept, so that an interrupted run continues; a batch counts for its
+            problem, parameters and warm starts alone.
     """
     local = threading.local()
     nearest = store.shipped_nearest(problem) if nearest is None else nearest
@@ -158,7 +172,7 @@ def solve_all(
         path = None if keep is None else keep / f"{_key(problem, share, nearest)}.npz"
         nothing = np.full((len(share), problem.flat_size), np.nan), np.full(len(share), np.inf)
         flat, costs = (None if path is None else _read(path, nothing[0].shape)) or nothing
-        # What was not solved may have been stopped for taking long on a busy machine.
+        # An instance that is not solved may have exceeded the time limit on a busy machine.
         if (lost := ~np.isfinite(costs)).any():
             if not hasattr(local, "planner"):
                 local.planner = optimal_planner(problem, nearest)
@@ -175,7 +189,7 @@ def solve_all(
 
 
 def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None) -> str:
-    """A hash of all that a share of optimal trajectories depends on."""
+    """A hash of everything that a batch of optimal trajectories depends on."""
     sha = hashlib.sha256(f"{problem.fingerprint} {lookaround_of(problem)}".encode())
     for array in (p, *(() if nearest is None else (nearest.parameters, nearest.trajectory.flat()))):
         sha.update(np.ascontiguousarray(array).tobytes())
@@ -188,7 +202,7 @@ def _write(path: Path, flat: Array, costs: Array) -> None:
 
 
 def _read(path: Path, shape: tuple[int, int]) -> tuple[Array, Array] | None:
-    """Flat trajectories and costs that were kept, ``None`` where they are not there or damaged."""
+    """Flat trajectories and costs that were kept; ``None`` where they are missing or damaged."""
     try:
         with np.load(path, allow_pickle=False) as file:
             flat, costs = file["flat"], file["costs"]
