@@ -15,6 +15,8 @@ from typing import TypeVar
 
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
 from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
+from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLUMNS
+from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
 from moe_policy.experiments.paper_tables import SummaryTable, summary_columns
@@ -49,6 +51,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("compare", None): table(Comparison, lambda record: record.rows, COLUMNS),
     ("compare_training", None): table(TrainingComparison, lambda record: record.rows, TRAINING_COLUMNS),
     ("compare_splits", None): table(SplitComparison, lambda record: record.rows, SPLIT_COLUMNS),
+    ("discretisation", None): table(Discretisation, lambda record: record.rows, DISCRETISATION_COLUMNS),
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("budgets", None): table(Budgets, lambda record: record.rows, BUDGET_COLUMNS),
     ("benchmark_planning", "planning"): table(Latency, planning_rows, PLANNING_COLUMNS),

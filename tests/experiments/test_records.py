@@ -10,6 +10,7 @@ import pytest
 from moe_policy.experiments.budgets import Budgets
 from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
+from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.failures import Diagnosis
 from moe_policy.experiments.generation import Generation
 from moe_policy.experiments.hard_sets import HardSets
@@ -39,6 +40,7 @@ TYPES: dict[str, type[Record]] = {
     "interruptions_*": Interruptions,
     "starts_*": StartTables,
     "data_[GPQ]*": DataReport,
+    "discretisation_*": Discretisation,
     "failures_*": Diagnosis,
     "budgets_*": Budgets,
     "robustness_*": Robustness,
