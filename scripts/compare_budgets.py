@@ -25,8 +25,9 @@ from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.experiments.learner_budgets import ChosenActor, DevelopmentMetrics, LearnerBudget
 from moe_policy.experiments.learners import CaseSet, LearnerTraining, learner_trainings
 from moe_policy.experiments.methods import Method, solve_all
-from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, Trained, planner_rows
-from moe_policy.experiments.records import write
+from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, planner_rows
+from moe_policy.experiments.records import read, write
+from moe_policy.experiments.seeds import TrainingComparison, TrainingRow
 from moe_policy.experiments.tables import text_table
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
@@ -53,17 +54,18 @@ class Sources:
     """
 
     trainings: dict[str, list[LearnerTraining]]
-    trained: list[Trained]
+    trained: list[TrainingRow]
     effort: GenerationEffort | None
 
     @classmethod
     def read(cls, folder: Path, problem: OptimalControlProblem) -> Sources:
         """The records of ``problem`` in ``folder``."""
-        found = learner_trainings(folder, problem)
+        found, path = learner_trainings(folder, problem), folder / f"compare_training_{problem.id}.json"
+        planners = read(path, TrainingComparison) if path.exists() else None
         order = dict.fromkeys((*benchmark_of(problem).learners.settings, *found))
         return cls(
             trainings={name: found[name] for name in order if name in found},
-            trained=Trained.read(folder / f"compare_training_{problem.id}.json"),
+            trained=[] if planners is None else [*planners.sizes, *planners.rows],
             effort=GenerationEffort.read(folder, problem),
         )
 

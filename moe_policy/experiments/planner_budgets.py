@@ -12,15 +12,17 @@ n/M of what all of them took.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
 import numpy as np
 
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present
+from moe_policy.experiments.data_report import DataReport
+from moe_policy.experiments.generation import Generation
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, read
+from moe_policy.experiments.seeds import TrainingRow
 from moe_policy.rollouts.intervals import Spread
 from ocp_envs.problem import OptimalControlProblem
 
@@ -54,10 +56,10 @@ class GenerationEffort(Record):
         ``None`` where neither has the training set.
         """
         generation, data = (folder / f"{name}_{problem.id}.json" for name in ("generation", "data"))
-        splits = json.loads(generation.read_text()) if generation.exists() else {}
+        splits: Mapping[str, Record] = Generation.at(generation).splits
         if "training" not in splits and data.exists():
-            splits = json.loads(data.read_text())["splits"]
-        return cls.from_json(splits["training"]) if "training" in splits else None
+            splits = read(data, DataReport).splits
+        return cls.from_json(splits["training"].to_json()) if "training" in splits else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,58 +157,21 @@ class PlannerRow(Record):
     validation_violation: Spread | None
 
     @classmethod
-    def of(cls, row: Trained, cases: int, budget: PlannerBudget | None) -> Self:
-        """The row of a trained planner with its ``budget``; ``cases`` counts the validation set."""
-        total = cases if row.cases is None else row.cases
+    def of(cls, row: TrainingRow, cases: int, budget: PlannerBudget | None) -> Self:
+        """The row of the trained planners ``row`` with their ``budget``; ``cases`` counts the validation set."""
+        violation = [value for value in present(row.violation) or () if value is not None]
         return cls(
             name=row.name,
             samples=row.samples,
             budget=budget,
-            validation_success=Spread.of((count / total for count in row.success), (0, 1)),
-            validation_violation=None if row.violation is None else Spread.of(row.violation),
+            validation_success=Spread.of((count / cases for count in row.success), (0, 1)),
+            validation_violation=Spread.of(violation) if violation else None,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Trained:
-    """A planner in the record of scripts/compare_training.py.
-
-    Args:
-        name: of the planner.
-        samples: instances on which it was trained.
-        success: number of successes, one a seed.
-        violation: mean of the maximum violation, metres, one a seed; ``None`` without path constraints.
-        cases: validation cases; ``None`` in records that do not say, which are of the whole set.
-        training_seconds: one a seed.
-    """
-
-    name: str
-    samples: int
-    success: tuple[int, ...]
-    violation: tuple[float, ...] | None
-    cases: int | None
-    training_seconds: tuple[float, ...]
-
-    @classmethod
-    def read(cls, path: Path) -> list[Self]:
-        """The planners in the file ``path``, smaller training sets first; none where there is no such file."""
-        record = json.loads(path.read_text()) if path.exists() else {"sizes": [], "rows": []}
-        return [
-            cls(
-                name=row["name"],
-                samples=row["samples"],
-                success=tuple(row["success"]),
-                violation=None if row.get("violation", [None])[0] is None else tuple(row["violation"]),
-                cases=row["cases"][0] if "cases" in row else None,
-                training_seconds=tuple(row["training_seconds"]),
-            )
-            for row in (*record["sizes"], *record["rows"])
-        ]
 
 
 def planner_rows(
     problem: OptimalControlProblem,
-    trained: Sequence[Trained],
+    trained: Sequence[TrainingRow],
     effort: GenerationEffort | None,
     names: Sequence[str],
     cases: int,
@@ -218,7 +183,7 @@ def planner_rows(
         trained: the planners; the first one of a name and number counts.
         effort: for the training set; ``None`` where it is not known.
         names: of the planners that get rows.
-        cases: number of validation cases, for records that do not say.
+        cases: number of validation cases.
     """
     rows: dict[tuple[int, int], PlannerRow] = {}
     for row in trained:

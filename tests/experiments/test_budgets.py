@@ -2,7 +2,7 @@
 
 import dataclasses
 import importlib
-import json
+import shutil
 import sys
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
 from ocp_envs.support.provenance import provenance
 from tests.experiments.learner_records import keep, training
-from tests.experiments.test_planner_budgets import EFFORT
+from tests.experiments.test_planner_budgets import EFFORT, RESULTS
 
 OLD = training(PPOSettings(steps=300), [1, 20, 50])
 BUDGET = PlannerBudget.of(PENDULUM, EFFORT, 500, [2.0, 3.0])
@@ -108,10 +108,8 @@ def test_the_script_from_end_to_end(monkeypatch, tmp_path):
     records = tmp_path / "records"
     records.mkdir()
     keep(records, training(SACSettings(steps=200), [1, 2]))
-    effort = dataclasses.replace(EFFORT, problems=1281)
-    (records / f"generation_{PENDULUM.id}.json").write_text(json.dumps({"training": effort.to_json()}))
-    row = {"name": "moe-custom", "samples": 1281, "success": [990, 999], "training_seconds": [1.0, 1.0]}
-    (records / f"compare_training_{PENDULUM.id}.json").write_text(json.dumps({"sizes": [], "rows": [row]}))
+    for kind in ("generation", "compare_training"):
+        shutil.copy(RESULTS / f"{kind}_{PENDULUM.id}.json", records)
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "scripts"))
     module = importlib.import_module("compare_budgets")
     planners, learners = Planners(compared=("moe-custom",)), Learners(unattempted={"tqc": "no time"})
@@ -121,7 +119,8 @@ def test_the_script_from_end_to_end(monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "argv", ["compare_budgets", *arguments])
     module.main()
     record = read(tmp_path / f"budgets_{PENDULUM.id}.json", Budgets)
-    assert [row.validation_success.median for row in record.planners] == pytest.approx([0.9945])
+    assert {row.name for row in record.planners} == {"moe-custom"}
+    assert record.planners[-1].validation_success.median > 0.99
     assert record.not_attempted == {"tqc": "no time"}
     (shipped,), (optimal,) = record.shipped, record.levels
     assert shipped.development.success == optimal.development.success == 1.0

@@ -1,14 +1,17 @@
 """What planners' data and training took."""
 
 import dataclasses
-import json
+import shutil
+from pathlib import Path
 
 import pytest
 
-from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, Trained, planner_rows
+from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, planner_rows
 from moe_policy.experiments.records import ABSENT
+from moe_policy.experiments.seeds import Model, Training, TrainingRow
 from ocp_envs.problems.pendulum import PENDULUM
 
+RESULTS = Path(__file__).resolve().parents[2] / "results"
 EFFORT = GenerationEffort(
     problems=1000, solves=4000, iterations=40_000, seconds=20.0, workers=2, resumed_from=0, rest={}
 )
@@ -34,29 +37,36 @@ def test_an_interrupted_generation_is_extrapolated_and_says_so():
 
 
 def test_the_counts_of_the_data_report_stand_in_for_a_record_of_the_generation(tmp_path):
-    def keep(kind, content):
-        (tmp_path / f"{kind}_{PENDULUM.id}.json").write_text(json.dumps(content))
-
     assert GenerationEffort.read(tmp_path, PENDULUM) is None
-    counts = GenerationEffort(problems=9, solves=20, iterations=100, rest={"size": 9})
-    keep("data", {"splits": {"training": counts.to_json(), "development": {}}})
-    assert GenerationEffort.read(tmp_path, PENDULUM) == counts
+    shutil.copy(RESULTS / f"data_{PENDULUM.id}.json", tmp_path)
+    counts = GenerationEffort.read(tmp_path, PENDULUM)
     assert counts.seconds is ABSENT
-    assert PlannerBudget.of(PENDULUM, counts, 9, [1.0]).seconds is None
-    keep("generation", {"development": EFFORT.to_json()})
-    assert GenerationEffort.read(tmp_path, PENDULUM) == counts
-    keep("generation", {"training": EFFORT.to_json()})
-    assert GenerationEffort.read(tmp_path, PENDULUM) == EFFORT
+    assert PlannerBudget.of(PENDULUM, counts, counts.problems, [1.0]).seconds is None
+    shutil.copy(RESULTS / f"generation_{PENDULUM.id}.json", tmp_path)
+    effort = GenerationEffort.read(tmp_path, PENDULUM)
+    assert effort.seconds > 0
+    assert "digest" in effort.rest
 
 
-def trained(name, samples, success, cases=None):
-    seconds = (1.0,) * len(success)
-    return Trained(name=name, samples=samples, success=success, violation=None, cases=cases, training_seconds=seconds)
+def trained(name, samples, success):
+    models = [
+        Model(
+            training=Training(seed=seed, samples=samples, test_error=0.0, training_seconds=1.0),
+            success=count,
+            success_at_plan_end=count,
+            reached=count,
+            violation=None,
+            knot_violation=None,
+            validation_error=0.0,
+        )
+        for seed, count in enumerate(success)
+    ]
+    return TrainingRow.of(name, models)
 
 
 def test_planners_are_listed_by_the_size_of_their_data():
     small = [trained("snn", 100, (20, 30)), trained("snn", 1000, (40, 45))]
-    whole = [trained("snn", 1000, (40, 45)), trained("moe-custom", 1000, (50,), cases=50), trained("x", 9, (1,))]
+    whole = [trained("snn", 1000, (40, 45)), trained("moe-custom", 1000, (50,)), trained("x", 9, (1,))]
     rows = planner_rows(PENDULUM, [*small, *whole], EFFORT, ("moe-custom", "snn"), 50)
     assert [(row.name, row.samples) for row in rows] == [("moe-custom", 1000), ("snn", 100), ("snn", 1000)]
     assert [row.validation_success.maximum for row in rows] == [1.0, 0.6, 0.9]
