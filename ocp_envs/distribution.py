@@ -100,7 +100,7 @@ class Blocked(Distribution):
             )
 
     def draw(self, problem: OptimalControlProblem, rng: np.random.Generator) -> Array:
-        """One row of the parameters that the package carries, (np,).
+        """One row of the parameters of ``problem`` that the package carries, (np,), chosen by ``rng``.
 
         Raises:
             TableError: the package carries none for ``problem``.

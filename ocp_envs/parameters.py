@@ -53,7 +53,7 @@ class Parametrisation:
         return np.array(in_state, np.int64), np.array(slots, np.int64), np.array(in_context, np.int64)
 
     def start(self, p: Array) -> tuple[Array, Array]:
-        """Initial states (B, nx) and contexts (B, nc) of parameters (B, np)."""
+        """Initial states (B, nx) and contexts (B, nc) of parameters ``p`` (B, np)."""
         in_state, slots, in_context = self._slots
         states = np.tile(self.rest, (len(p), 1))
         states[:, slots] = p[:, in_state]
@@ -68,7 +68,12 @@ class Parametrisation:
         return p
 
     def check(self, p: ArrayLike, extrapolate: bool) -> Array:
-        """``p`` as a float64 array (B, np); see :meth:`OptimalControlProblem.check_parameters`."""
+        """``p`` as a float64 array (B, np), inside the box unless ``extrapolate``, finite in any case.
+
+        Raises:
+            ValueError: wrong shape, or a value that is not finite.
+            OutsideBoxError: outside the box by more than 1e-6 of its width.
+        """
         array = np.array(p, dtype=np.float64, ndmin=2)
         if array.ndim != 2 or array.shape[1] != len(self.box):
             raise ValueError(

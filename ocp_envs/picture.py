@@ -18,7 +18,7 @@ def _check_points(name: str, points: Array, least: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A polyline through ``points`` (n, 2) or (n, 3), metres; ``width`` in points."""
+    """A polyline through ``points`` (n, 2) or (n, 3), metres; ``width`` in points, ``color`` as in Matplotlib."""
 
     points: Array
     width: float = 2.0
@@ -30,7 +30,10 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """A filled flat polygon with the corners ``points`` (n, 2) or (n, 3), metres."""
+    """A filled plane polygon with the corners ``points`` (n, 2) or (n, 3), metres.
+
+    ``color`` is one of Matplotlib's, ``alpha`` the opacity, 0 to 1.
+    """
 
     points: Array
     color: str = "black"
@@ -42,7 +45,10 @@ class Face:
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """A disc (centre (2,)) or sphere (centre (3,)) of ``radius`` metres."""
+    """A disc with ``center`` (2,) or a sphere with ``center`` (3,); ``radius`` and centre in metres.
+
+    ``color`` is one of Matplotlib's, ``alpha`` the opacity, 0 to 1.
+    """
 
     center: Array
     radius: float
@@ -59,12 +65,19 @@ Shape = Line | Face | Ball
 
 
 def corners(shape: Shape) -> Array:
-    """Points (n, 2) or (n, 3) that a shape is made of; of a ball, its centre."""
+    """Points (n, 2) or (n, 3) of ``shape``; of a ball, its centre."""
     return shape.center[None] if isinstance(shape, Ball) else shape.points
 
 
 def disc(center: Array, radius: float, corners: int = 25, rotation: Array | None = None) -> Array:
-    """Corners (n, 3) of a disc in space; its normal is the third column of ``rotation`` (3, 3), upwards by default."""
+    """A polygon that approximates a disc in space, (n, 3).
+
+    Args:
+        center: of the disc, (3,), metres.
+        radius: metres.
+        corners: n.
+        rotation: (3, 3); its third column is the normal of the disc, upwards by default.
+    """
     angle = np.linspace(0, 2 * np.pi, corners)
     flat = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(corners)], axis=1)
     return np.asarray(center + (flat if rotation is None else flat @ rotation.T))

@@ -152,7 +152,7 @@ class OptimalControlProblem:
         return self.parametrisation.check(p, extrapolate)
 
     def start(self, p: Array) -> tuple[Array, Array]:
-        """Initial states (B, nx) and contexts (B, nc) of parameters (B, np)."""
+        """Initial states (B, nx) and contexts (B, nc) of parameters ``p`` (B, np)."""
         return self.parametrisation.start(p)
 
     def parameters_of(self, states: Array, contexts: Array) -> Array:
@@ -217,7 +217,7 @@ class OptimalControlProblem:
         return BatchFunction(dense_function("flow", [x, u, s, h], list(self.flow(x, u, s, h, substeps))))
 
     def batch_linearisation(self, substeps: int) -> Callable[[Array, Array, Array, Array], tuple[Array, Array]]:
-        """The function (x, u, s, h (B, 1)) → A (B, nx, nx), B (B, nx, nu): the derivatives of :meth:`batch_flow`."""
+        """The function (x, u, s, h (B, 1)) → A (B, nx, nx), B (B, nx, nu), derivatives of ``batch_flow(substeps)``."""
         (x, u, s), h = self.symbols(), ca.SX.sym("h")
         following, _ = self.flow(x, u, s, h, substeps)
         jacobian = ca.jacobian(following, ca.vertcat(x, u))

@@ -71,5 +71,5 @@ class Symmetry:
         return np.asarray(s @ self.context.T)
 
     def trajectories(self, trajectory: Trajectory) -> Trajectory:
-        """The images of B trajectories; their durations stay the same."""
+        """The images of the B trajectories in ``trajectory``; their durations stay the same."""
         return Trajectory(self.states(trajectory.states), self.controls(trajectory.controls), trajectory.duration)

@@ -184,7 +184,7 @@ class System:
         return len(self.control)
 
     def derivative(self, x: Any, u: Any, constants: Mapping[str, Any]) -> Any:
-        """ẋ (nx, 1) as an expression; ``constants`` replace nominal values by name."""
+        """ẋ (nx, 1) as an expression in columns ``x`` and ``u``; ``constants`` replace nominal values by name."""
         namespace = SimpleNamespace(**{**self.constants, **constants})
         return ca.vertcat(*self.dynamics(ca.vertsplit(x), ca.vertsplit(u), namespace))
 

@@ -18,7 +18,7 @@ from ocp_envs.support.rows import Batch
 
 
 def flat_size(knots: int, nx: int, nu: int) -> int:
-    """Length of the flat layout."""
+    """Length of the flat layout of ``knots`` knots with ``nx`` states and ``nu`` controls."""
     return knots * nx + (knots - 1) * nu + 1
 
 
@@ -85,7 +85,15 @@ class Trajectory(Batch):
 
     @classmethod
     def from_flat(cls, z: ArrayLike, knots: int, nx: int, nu: int) -> Trajectory:
-        """The inverse of :meth:`flat`; ``z`` is (B, flat_size) or (flat_size,)."""
+        """The inverse of :meth:`flat`.
+
+        Args:
+            z: (B, flat_size) or (flat_size,).
+            knots, nx, nu: number of knots, states and controls.
+
+        Raises:
+            ValueError: another length.
+        """
         z = np.atleast_2d(np.asarray(z, dtype=np.float64))
         if z.ndim != 2 or z.shape[1] != flat_size(knots, nx, nu):
             raise ValueError(f"expected (B, {flat_size(knots, nx, nu)}) flat trajectories, got {z.shape}")

@@ -31,6 +31,7 @@ CONSTANTS = {"mass": 1.0, "length": 1.0, "gravity": 1.0, "torque_gain": 1.0}
 
 
 def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -> list[Any]:
+    """ẋ of ``state`` and ``control`` with the constants ``c``."""
     theta, omega = state
     (u,) = control
     torque = c.torque_gain * u - c.mass * c.gravity * c.length * ca.sin(theta)
@@ -38,6 +39,7 @@ def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -
 
 
 def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+    """L of ``state`` and ``control``, whatever ``context`` and the constants ``c``."""
     (u,) = control
     return 1 + u**2
 

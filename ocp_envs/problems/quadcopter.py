@@ -69,6 +69,7 @@ INACTIVE = 1e-4
 
 
 def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -> list[Any]:
+    """ẋ of ``state`` and ``control`` with the constants ``c``."""
     _, _, _, vx, vy, vz, phi, theta, psi, p, q, r = state
     u1, u2, u3, u4 = control
     s_phi, c_phi, s_theta, c_theta = ca.sin(phi), ca.cos(phi), ca.sin(theta), ca.cos(theta)
@@ -93,10 +94,12 @@ def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -
 
 
 def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+    """L of ``state`` and ``control``, whatever ``context`` and the constants ``c``."""
     return 10 + sum(w * x**2 for w, x in zip(STATE_WEIGHTS, state)) + sum(u**2 for u in control)
 
 
 def clearance(state: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> list[Any]:
+    """Distance of ``state`` from the sphere in ``context``, metres, whatever the constants ``c``."""
     x, y, z = state[:3]
     # A power, not ca.sqrt: sampling calls this with NumPy arrays.
     return [((x - context.cx) ** 2 + (y - context.cy) ** 2 + (z - context.cz) ** 2 + 1e-12) ** 0.5 - context.radius]
@@ -169,7 +172,10 @@ def half_turn(context: Sequence[float] = ()) -> Symmetry:
 
 
 def attitude(state: Array) -> Array:
-    """Rotation (3, 3) from the body's axes to the world's, R_z(ψ) R_x(φ) R_y(θ); thrust acts along its third column."""
+    """The rotation R_z(ψ) R_x(φ) R_y(θ) from the axes of the body in ``state`` (12,) to those of the world, (3, 3).
+
+    Thrust acts along its third column.
+    """
     (s_phi, s_theta, s_psi), (c_phi, c_theta, c_psi) = np.sin(state[6:9]), np.cos(state[6:9])
     about_z = np.array([[c_psi, -s_psi, 0.0], [s_psi, c_psi, 0.0], [0.0, 0.0, 1.0]])
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, c_phi, -s_phi], [0.0, s_phi, c_phi]])

@@ -34,12 +34,14 @@ WINDINGS = (-1, 0, 1)
 
 
 def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -> list[Any]:
+    """ẋ of ``state`` and ``control`` with the constants ``c``."""
     _, _, theta, v = state
     u_theta, u_v = control
     return [v * ca.sin(theta), v * ca.cos(theta), c.steering_gain * u_theta * v, c.speed_gain * u_v]
 
 
 def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+    """L of ``state`` and ``control``, whatever ``context`` and the constants ``c``."""
     u_theta, u_v = control
     return 10 + u_theta**2 + u_v**2
 

@@ -49,7 +49,7 @@ class Discontinuity(Protocol):
 
 @dataclass(frozen=True)
 class EqualCosts:
-    """The two cheapest families cost the same."""
+    """The two cheapest families cost the same; ``label`` names the distance."""
 
     label: str = "(second best − best) / |best| cost of the solution families"
 
@@ -59,7 +59,7 @@ class EqualCosts:
 
 @dataclass(frozen=True)
 class SphereCentre:
-    """The free path runs through the centre of the sphere."""
+    """The free path runs through the centre of the sphere; ``label`` names the distance."""
 
     label: str = "distance of the free path from the centre, radii"
 

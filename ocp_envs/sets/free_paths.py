@@ -58,7 +58,7 @@ def blocked(problem: OptimalControlProblem) -> Blocked:
 
 @lru_cache(maxsize=32)
 def coordinates(problem: OptimalControlProblem) -> tuple[int, ...]:
-    """Indices of the m state coordinates that the path constraint depends on."""
+    """Indices of the m state coordinates that the path constraint of ``problem`` depends on."""
     x, _, s = problem.symbols()
     return tuple(np.flatnonzero(ca.which_depends(problem.clearances(x, s), x, 1, False)).tolist())
 
@@ -177,7 +177,7 @@ class PathTable:
         return paths, distance(paths, others)
 
     def tolerance(self, difference: Array) -> Array:
-        """Bound of the distance from the solved path, (B,), given the second result of a call, (B,)."""
+        """Bound of the distance from the solved path, (B,), given ``difference``, the second result of a call, (B,)."""
         return np.minimum(self.error, self.ratio * difference)
 
 

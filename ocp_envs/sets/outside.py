@@ -27,14 +27,14 @@ _WHOLE = 1 - 1e-9
 
 
 def open_coordinates(problem: OptimalControlProblem) -> NDArray[np.bool_]:
-    """Which coordinates of p have an outside, (np,): all that do not cover a whole turn of a state coordinate."""
+    """Which parameters of ``problem`` have an outside, (np,): those that cover no whole turn of a state coordinate."""
     periods = {c.name: c.period for c in problem.system.state.coordinates if c.period is not None}
     box = problem.parameters.coordinates
     return np.array([c.upper - c.lower < periods.get(c.name, np.inf) * _WHOLE for c in box])
 
 
 def excess(problem: OptimalControlProblem, p: Array) -> Array:
-    """e(p) of parameters (B, np), in half widths, (B,).
+    """e(p) of parameters (B, np) of ``problem``, in half widths, (B,).
 
     Raises:
         ValueError: no coordinate has an outside.
