@@ -20,14 +20,7 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import (
-    COLUMNS,
-    Comparison,
-    ComparisonRow,
-    CostDifference,
-    planning_seconds,
-    run,
-)
+from moe_policy.experiments.comparison import COLUMNS, Comparison, ComparisonRow, CostDifference, planning_seconds, run
 from moe_policy.experiments.figures.comparison import comparison_figure
 from moe_policy.experiments.methods import (
     Method,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -10,15 +10,10 @@ import numpy as np
 
 from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark.published import Published
-from moe_policy.experiments.figures.details import Details, DiscontinuityCase
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, renamed
-from moe_policy.experiments.tables import Column
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.data.samples import Samples
-from ocp_envs.support.provenance import Provenance
-
-Settings = dict[str, Scalar]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,80 +242,3 @@ class TrainingRow(Record):
         }
         lacking: dict[str, Any] = {name: (value,) for name, value in known.items() if getattr(self, name) is ABSENT}
         return replace(self, shipped_seed=(shipped.seed,), **lacking)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainingComparison(Record):
-    """All trained models of a problem: ``compare_training_<env>.json``.
-
-    Args:
-        settings: of the training.
-        whole: settings of the planners that were trained on all instances, by name.
-        rows: the models of the benchmark.
-        ablation: single networks with other hidden layers.
-        sizes: models from fewer training instances.
-        clusters: sizes of the clusters by partition, in older files.
-        discontinuity: the case of its figure, in older files.
-        figures: what the figures show.
-        env_id: id of the problem.
-        training_key: of the training database.
-        seconds: duration of the run.
-        provenance: of the record.
-    """
-
-    settings: Settings | Absent = ABSENT
-    whole: dict[str, Settings] | Absent = renamed("settings_on_all_problems", ABSENT)
-    rows: tuple[TrainingRow, ...]
-    ablation: tuple[TrainingRow, ...]
-    sizes: tuple[TrainingRow, ...]
-    clusters: dict[str, tuple[int, ...]] | Absent = ABSENT
-    discontinuity: DiscontinuityCase | Absent = renamed("jump", ABSENT)
-    figures: Details | Absent = ABSENT
-    env_id: str
-    training_key: str | Absent = ABSENT
-    seconds: float
-    provenance: Provenance
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrainingTable(Record):
-    """The paper's table of ways to train, ours next to the paper's: ``table_training.json``.
-
-    Args:
-        quick: whether it is made from few instances.
-        rows: one for each model.
-        provenance: of the record.
-    """
-
-    quick: bool
-    rows: tuple[TrainingRow, ...]
-    provenance: Provenance
-
-
-def _median(spread: Range) -> str:
-    return f"{spread.median:.0f} ({spread.minimum}–{spread.maximum})"
-
-
-def _error(value: float) -> str:
-    """Three decimals; two digits of a value that would be 0.000."""
-    return f"{value:.3f}" if value >= 1e-3 else f"{value:.2g}"
-
-
-def _of_median(form: Callable[[float], str]) -> Callable[[Range], str]:
-    return lambda spread: form(spread.median)
-
-
-#: The table of models: medians over seeds, and their range.
-TRAINING_COLUMNS: tuple[Column[TrainingRow], ...] = (
-    Column("model", lambda row: row.name),
-    Column("training problems", lambda row: row.samples, ","),
-    Column("success, median (range)", lambda row: row.success_spread, _median),
-    Column("paper", lambda row: row.paper.success, "d"),
-    Column("at the plan's end", lambda row: row.success_at_plan_end_spread, _median),
-    Column("mean violation at knots, m", lambda row: row.knot_violation_spread, _of_median("{:.3f}".format)),
-    Column("paper", lambda row: row.paper.violation, ".3f"),
-    Column("… on the whole path", lambda row: row.violation_spread, _of_median("{:.3f}".format)),
-    Column("validation error", lambda row: row.validation_error_spread, _of_median(_error)),
-    Column("paper", lambda row: row.paper.validation_error, _error),
-    Column("test error", lambda row: row.test_error_spread, _of_median("{:.4f}".format)),
-)

@@ -9,7 +9,8 @@ import pytest
 from moe_policy.experiments.benchmark import BENCHMARKS, benchmark_of
 from moe_policy.experiments.paper_tables import Source, SummaryTable, summarised, summary
 from moe_policy.experiments.records import ABSENT, read
-from moe_policy.experiments.seeds import TrainingComparison, TrainingRow
+from moe_policy.experiments.seeds import TrainingRow
+from moe_policy.experiments.training_tables import TrainingComparison
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.sets import reference
 from tests.experiments.test_seeds import model
