@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 from moe_policy.experiments.data import FAILURES
 from moe_policy.experiments.data_report import CLOSE, LEVELS, AccuracyReport, ErrorQuantiles, SplitReport
-from moe_policy.experiments.tables import DASH, keyed, text_table
+from moe_policy.experiments.tables import DASH, Column, text_table
 from ocp_envs.solvers.accuracy import ATOL, RTOL
 
 
@@ -30,7 +31,12 @@ def text(title: str, records: Mapping[str, SplitReport]) -> str:
     ]
     if any(record.failures_by_kind is None for record in records.values()):
         notes.append("not stored: databases keep how many solves of an instance failed, not how each of them ended")
-    return "\n".join([title, "", text_table(rows, [keyed(name, name) for name in ("", *columns)]), *notes]) + "\n"
+    shown = [Column(name, partial(_cell, name)) for name in ("", *columns)]
+    return "\n".join([title, "", text_table(rows, shown), *notes]) + "\n"
+
+
+def _cell(name: str, row: Mapping[str, str | None]) -> str | None:
+    return row[name]
 
 
 def _words(name: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -41,11 +41,6 @@ class Column(Generic[Row]):
     def of_part(self, part: Callable[[Whole], Row]) -> Column[Whole]:
         """The same column for rows that contain such a row as their ``part``."""
         return Column(self.title, lambda whole: self.of(part(whole)), self.form)
-
-
-def keyed(key: str, title: str, form: str | Callable[[Any], str] = "") -> Column[Mapping[str, Any]]:
-    """The column of the values at ``key`` of mappings, which may lack it."""
-    return Column(title, lambda row: row.get(key), form)
 
 
 def proportion(value: Proportion) -> str:

@@ -1,6 +1,7 @@
 import pytest
 
-from moe_policy.experiments.tables import duration, keyed, markdown_table, proportion, text_table
+from moe_policy.experiments.records import ABSENT
+from moe_policy.experiments.tables import Column, duration, markdown_table, proportion, text_table
 from moe_policy.rollouts.intervals import Proportion
 
 ROWS = [
@@ -8,17 +9,25 @@ ROWS = [
     {"name": "a|b", "success": Proportion(0, 1000), "error": None},
     {"name": "sac", "success": Proportion(985, 1000), "error": float("nan")},
 ]
-COLUMNS = [keyed("name", "policy"), keyed("success", "success", proportion), keyed("error", "error", ".2e")]
+COLUMNS = [
+    Column("policy", lambda row: row["name"]),
+    Column("success", lambda row: row["success"], proportion),
+    Column("error", lambda row: row["error"], ".2e"),
+]
+NOTHING = Column("nothing", lambda row: ABSENT)
 
 
-def test_missing_keys_are_dashes():
-    assert markdown_table([{"x": 1}, {}], [keyed("x", "x")]).splitlines()[-2:] == ["| 1 |", "| – |"]
+def test_missing_values_are_dashes():
+    assert markdown_table([{"x": 1}, {}], [Column("x", lambda row: row.get("x"))]).splitlines()[-2:] == [
+        "| 1 |",
+        "| – |",
+    ]
 
 
 def test_columns_without_a_value_are_left_out():
-    assert markdown_table(ROWS, [*COLUMNS, keyed("nowhere", "nothing")]) == markdown_table(ROWS, COLUMNS)
-    assert text_table(ROWS, [keyed("nowhere", "nothing"), *COLUMNS]) == text_table(ROWS, COLUMNS)
-    assert "nothing" in text_table([], [keyed("nowhere", "nothing")])
+    assert markdown_table(ROWS, [*COLUMNS, NOTHING]) == markdown_table(ROWS, COLUMNS)
+    assert text_table(ROWS, [NOTHING, *COLUMNS]) == text_table(ROWS, COLUMNS)
+    assert "nothing" in text_table([], [NOTHING])
 
 
 def test_markdown():
