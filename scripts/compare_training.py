@@ -10,6 +10,7 @@ figures of the problem.
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import time
 from dataclasses import dataclass, replace
@@ -116,7 +117,7 @@ def draw(
     return Details(**{name: details for name, details in found.items() if details is not None})
 
 
-def main() -> None:
+def parse_arguments() -> argparse.Namespace:
     ship = "write into results/ instead of runs/, and put the models of the first seed into the package"
     parser = cli.parser(__doc__, data=True, workers=True, ship=ship)
     parser.add_argument("--seeds", metavar="N", type=cli.positive, default=5, help="training seeds of every model")
@@ -127,7 +128,11 @@ def main() -> None:
         nargs="+",
         help="train these alone; with --ship the results are of the kept models",
     )
-    arguments = parser.parse()
+    return parser.parse()
+
+
+def main() -> None:
+    arguments = parse_arguments()
     cli.threads()
     began, problem = time.perf_counter(), arguments.problem
     folders = Folders(arguments.data / problem.id, arguments.data / "compare_training" / problem.id)
@@ -146,10 +151,9 @@ def main() -> None:
         for name in benchmark.shipped:
             load_file(paths[name], problem, kind=NetworkPlanner).save(SHIPPED / problem.id / name)
     rows, sizes = trained.rows(), trained.sizes()
-    whole = {name: dataclasses.asdict(found) for name, found in benchmark.training.whole.items()}
     record = TrainingComparison(
         settings=dataclasses.asdict(settings),
-        whole=whole or ABSENT,
+        whole={name: dataclasses.asdict(found) for name, found in benchmark.training.whole.items()} or ABSENT,
         rows=tuple(rows),
         ablation=tuple(trained.ablation()),
         sizes=tuple(sizes),

@@ -22,14 +22,14 @@ A record is declared once; its fields, in order, are the keys of the JSON object
 Rules:
 
 * Reading is strict: an unknown key, a missing key whose default is not :data:`ABSENT` and a value of another type raise
-  a ``ValueError`` that names the place in the file. Nothing is converted: an ``int`` in a ``float`` field stays one.
+  a ``ValueError`` with the place in the file. Nothing is converted: an ``int`` in a ``float`` field stays one.
 * A record that was read writes its keys in the order of its file; a new one, or one made by ``dataclasses.replace``,
   in the order of its fields.
 * A field's type may be any dataclass, a record or not. A class with ``to_json()`` and a class method ``from_json()`` of
   its own, such as one that also writes derived values, is read and written by these.
 * ``inline()`` also serves a ``dict[str, T]``: it holds every key that is no field's.
 * ``object`` accepts any JSON, :data:`Scalar` any text, number, truth value or null.
-* Types are evaluated at run time: a module imports them outside of ``TYPE_CHECKING``.
+* Types are evaluated at run time: import them outside of ``TYPE_CHECKING``.
 """
 
 from __future__ import annotations
@@ -52,6 +52,8 @@ T = TypeVar("T")
 R = TypeVar("R", bound="Record")
 Json = dict[str, object]
 Scalar = str | bool | int | float | None
+#: A hook of cattrs: JSON and the type of the value → value.
+Structure = Callable[[Any, Any], Any]
 
 
 class Absent(enum.Enum):
@@ -72,18 +74,14 @@ def present(value: T | Absent | None) -> T | None:
     return None if value is ABSENT else value
 
 
-def renamed(key: str, default: object = dataclasses.MISSING) -> Any:
+def renamed(key: str, default: Any = dataclasses.MISSING) -> Any:
     """A field whose JSON key is ``key``; ``default`` is :data:`ABSENT` or nothing."""
-    return dataclasses.field(metadata={"key": key}, **_default(default))
+    return dataclasses.field(metadata={"key": key}, default=default)
 
 
 def inline() -> Any:
     """A field, a dataclass or a ``dict[str, T]``, whose keys stand among those of its record."""
     return dataclasses.field(metadata={"inline": True})
-
-
-def _default(default: object) -> dict[str, Any]:
-    return {} if default is dataclasses.MISSING else {"default": default}
 
 
 class Record:
@@ -188,12 +186,12 @@ class _Shape:
         return flat
 
 
-def _structure(kind: Any, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
+def _structure(kind: type, converter: cattrs.Converter) -> Structure:
     shape = _Shape.of(kind)
     overrides: dict[str, Any] = {name: override(rename=key) for name, key in shape.keys.items()}
-    build = make_dict_structure_fn(kind, converter, **overrides)
+    build: Structure = make_dict_structure_fn(kind, converter, **overrides)
 
-    def structure(content: Any, _: Any) -> Any:
+    def structure(content: object, _: object) -> object:
         if not isinstance(content, dict):
             raise ValueError(f"got {content!r}, expected an object with the keys {', '.join(shape.own)}")
         record = build(shape.nested(content), kind)
@@ -204,14 +202,14 @@ def _structure(kind: Any, converter: cattrs.Converter) -> Callable[[Any, Any], A
     return structure
 
 
-def _unstructure(kind: Any, converter: cattrs.Converter) -> Callable[[Any], Json]:
+def _unstructure(kind: type, converter: cattrs.Converter) -> Callable[[object], Json]:
     shape = _Shape.of(kind)
     overrides: dict[str, Any] = {
         name: override(rename=key, omit_if_default=key in shape.optional) for name, key in shape.keys.items()
     }
-    take = make_dict_unstructure_fn(kind, converter, **overrides)
+    take: Callable[[object], Json] = make_dict_unstructure_fn(kind, converter, **overrides)
 
-    def unstructure(record: Any) -> Json:
+    def unstructure(record: object) -> Json:
         content = shape.flat(take(record))
         order = getattr(record, "_order", ())
         return {key: content[key] for key in order if key in content} | content
@@ -219,12 +217,12 @@ def _unstructure(kind: Any, converter: cattrs.Converter) -> Callable[[Any], Json
     return unstructure
 
 
-def _reads_itself(kind: Any) -> bool:
+def _reads_itself(kind: object) -> bool:
     return isinstance(kind, type) and hasattr(kind, "from_json") and not issubclass(kind, Record)
 
 
-def _plain(*kinds: type) -> Callable[[Any, Any], Any]:
-    def structure(value: Any, _: Any) -> Any:
+def _plain(*kinds: type) -> Structure:
+    def structure(value: object, _: object) -> object:
         if type(value) not in kinds:
             raise ValueError(f"got {value!r}, expected {kinds[0].__name__}")
         return value
@@ -232,7 +230,7 @@ def _plain(*kinds: type) -> Callable[[Any, Any], Any]:
     return structure
 
 
-def _without_absent(union: Any, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
+def _without_absent(union: object, converter: cattrs.Converter) -> Structure:
     rest: Any = Union.__getitem__(tuple(kind for kind in get_args(union) if kind is not Absent))
     structure = converter.get_structure_hook(rest)
     return lambda value, _: structure(value, rest)
