@@ -46,86 +46,50 @@ GIVEN = {
 
 @dataclass(frozen=True, kw_only=True)
 class ShippedPlanner(Record):
-    """A shipped planner on the development set.
+    """A shipped planner on the development set."""
 
-    Args:
-        name: of the planner.
-        samples: instances on which it was trained.
-        budget: what that took; ``None`` without a record of the generation.
-        development: its metrics.
-    """
-
-    name: str
-    samples: int
-    budget: PlannerBudget | None
-    development: DevelopmentMetrics
+    name: str  # of the planner
+    samples: int  # instances on which it was trained
+    budget: PlannerBudget | None  # what that took; ``None`` without a record of the generation
+    development: DevelopmentMetrics  # its metrics
 
 
 @dataclass(frozen=True, kw_only=True)
 class Level(Record):
-    """A method without a budget, with which the others are compared.
+    """A method without a budget, with which the others are compared."""
 
-    Args:
-        name: of the method.
-        cases: parameters from which it was run.
-        development: its metrics.
-    """
-
-    name: str
-    cases: int
-    development: DevelopmentMetrics
+    name: str  # of the method
+    cases: int  # parameters from which it was run
+    development: DevelopmentMetrics  # its metrics
 
 
 @dataclass(frozen=True, kw_only=True)
 class BudgetRow(Record):
-    """A row of the table.
+    """A row of the table."""
 
-    Args:
-        name: of the method, with the seed of a learner.
-        solves: for the data of a planner.
-        states: simulated states.
-        seconds: wall time.
-        development: metrics.
-    """
-
-    name: str
-    solves: int | Absent | None = ABSENT
-    states: int | Absent | None = ABSENT
-    seconds: float | Absent | None = ABSENT
-    development: DevelopmentMetrics = inline()
+    name: str  # of the method, with the seed of a learner
+    solves: int | Absent | None = ABSENT  # for the data of a planner
+    states: int | Absent | None = ABSENT  # simulated states
+    seconds: float | Absent | None = ABSENT  # wall time
+    development: DevelopmentMetrics = inline()  # metrics
 
 
 @dataclass(frozen=True, kw_only=True)
 class Budgets(Record):
-    """Planners and learners of one problem: ``budgets_<env>.json``.
+    """Planners and learners of one problem: ``budgets_<env>.json``."""
 
-    Args:
-        env_id: id of the problem.
-        given: what each side is given, :data:`GIVEN`.
-        not_attempted: what was not tried, and why.
-        development: the set of all metrics but those of ``planners``.
-        validation: the set of the metrics of ``planners``.
-        learners: by name.
-        generation: what it took to solve the training set; ``None`` where it is not known.
-        planners: over seeds and numbers of training instances, on the validation set.
-        shipped: the planners in the package.
-        levels: methods without a budget.
-        provenance: of the record.
-        rows: the table.
-    """
-
-    env_id: str
-    given: dict[str, str]
-    not_attempted: dict[str, str]
-    development: CaseSet
-    validation: CaseSet
-    learners: dict[str, LearnerBudget]
-    generation: GenerationEffort | None
-    planners: tuple[PlannerRow, ...]
-    shipped: tuple[ShippedPlanner, ...]
-    levels: tuple[Level, ...]
-    provenance: Provenance
-    rows: tuple[BudgetRow, ...] = ()
+    env_id: str  # id of the problem
+    given: dict[str, str]  # what each side is given, :data:`GIVEN`
+    not_attempted: dict[str, str]  # what was not tried, and why
+    development: CaseSet  # the set of all metrics but those of ``planners``
+    validation: CaseSet  # the set of the metrics of ``planners``
+    learners: dict[str, LearnerBudget]  # by name
+    generation: GenerationEffort | None  # what it took to solve the training set; ``None`` where it is not known
+    planners: tuple[PlannerRow, ...]  # over seeds and numbers of training instances, on the validation set
+    shipped: tuple[ShippedPlanner, ...]  # the planners in the package
+    levels: tuple[Level, ...]  # methods without a budget
+    provenance: Provenance  # of the record
+    rows: tuple[BudgetRow, ...] = ()  # the table
 
     def with_rows(self) -> Self:
         """The record with its table.

@@ -34,42 +34,27 @@ BATCH = 500
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow(Record):
-    """One method of a comparison.
+    """One method of a comparison."""
 
-    Args:
-        name: of the method.
-        data: what it learnt from; ``None`` where nothing was learnt.
-        training_seconds: duration of its training without the generation of data; ``None`` where nothing was learnt.
-        metrics: of its episodes; costs are compared with the tracked optimum.
-        planning_seconds: seconds per plan by batch size, of a planner.
-        parameters_total: number of its weights or stored values; ``None`` where it has none.
-        parameters_active: number of those that one plan uses.
-        test_error: smooth L1 loss of a network on its test split.
-        validation_error: the same of its predictions for the cases; ``None`` where no optimum is known.
-    """
-
-    name: str
-    data: str | None
+    name: str  # of the method
+    data: str | None  # what it learnt from; ``None`` where nothing was learnt
+    #: duration of its training without the generation of data; ``None`` where nothing was learnt
     training_seconds: float | None
-    metrics: Metrics = inline()
-    planning_seconds: dict[str, float] | Absent = ABSENT
-    parameters_total: int | None
-    parameters_active: int | None
-    test_error: float | Absent = ABSENT
+    metrics: Metrics = inline()  # of its episodes; costs are compared with the tracked optimum
+    planning_seconds: dict[str, float] | Absent = ABSENT  # seconds per plan by batch size, of a planner
+    parameters_total: int | None  # number of its weights or stored values; ``None`` where it has none
+    parameters_active: int | None  # number of those that one plan uses
+    test_error: float | Absent = ABSENT  # smooth L1 loss of a network on its test split
+    #: the same of its predictions for the cases; ``None`` where no optimum is known
     validation_error: float | Absent | None = ABSENT
 
 
 @dataclass(frozen=True, kw_only=True)
 class CostDifference(Record):
-    """How far the costs of the optimal planner are from the reference, |J / J_ref − 1|.
+    """How far the costs of the optimal planner are from the reference, |J / J_ref − 1|."""
 
-    Args:
-        within: number of cases within 0.1 %.
-        largest: maximum over the solved cases.
-    """
-
-    within: int = renamed("within_0.1_percent")
-    largest: float
+    within: int = renamed("within_0.1_percent")  # number of cases within 0.1 %
+    largest: float  # maximum over the solved cases
 
     @classmethod
     def of(cls, costs: Array, reference: Array) -> CostDifference:
@@ -81,25 +66,15 @@ class CostDifference(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison(Record):
-    """All methods of one problem on the validation set: ``compare_<env>.json`` and ``compare_trained_<env>.json``.
+    """All methods of one problem on the validation set: ``compare_<env>.json`` and ``compare_trained_<env>.json``."""
 
-    Args:
-        env_id: id of the problem.
-        cases: number of initial conditions.
-        seed: of the training, where the models were made for the comparison.
-        reference_difference: of the optimal planner's costs from the reference.
-        seconds: duration of the run.
-        rows: one for each method.
-        provenance: of the record.
-    """
-
-    env_id: str
-    cases: int
-    seed: int
-    reference_difference: CostDifference = renamed("reference_gap")
-    seconds: float
-    rows: tuple[ComparisonRow, ...]
-    provenance: Provenance
+    env_id: str  # id of the problem
+    cases: int  # number of initial conditions
+    seed: int  # of the training, where the models were made for the comparison
+    reference_difference: CostDifference = renamed("reference_gap")  # of the optimal planner's costs from the reference
+    seconds: float  # duration of the run
+    rows: tuple[ComparisonRow, ...]  # one for each method
+    provenance: Provenance  # of the record
 
 
 def run(

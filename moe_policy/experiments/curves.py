@@ -20,25 +20,15 @@ from ocp_envs.support.arrays import Array
 
 @dataclass(frozen=True, kw_only=True)
 class Curve(Record):
-    """A training curve: one value for each evaluation on the development set, ``None`` where it was not kept.
+    """A training curve: one value for each evaluation on the development set, ``None`` where it was not kept."""
 
-    Args:
-        seed: of the training.
-        steps: decisions learnt from.
-        seconds: wall time of the training.
-        success: fraction of the episodes in the goal ball at the evaluation time.
-        cost_ratio: Σ cost / Σ optimal cost over the successes.
-        mean_return: mean undiscounted return.
-        violation: mean of the maximum violation of the path constraints.
-    """
-
-    seed: int
-    steps: tuple[int, ...]
-    seconds: tuple[float, ...]
-    success: tuple[float, ...]
-    cost_ratio: tuple[float | None, ...]
-    mean_return: tuple[float | None, ...]
-    violation: tuple[float | None, ...]
+    seed: int  # of the training
+    steps: tuple[int, ...]  # decisions learnt from
+    seconds: tuple[float, ...]  # wall time of the training
+    success: tuple[float, ...]  # fraction of the episodes in the goal ball at the evaluation time
+    cost_ratio: tuple[float | None, ...]  # Σ cost / Σ optimal cost over the successes
+    mean_return: tuple[float | None, ...]  # mean undiscounted return
+    violation: tuple[float | None, ...]  # mean of the maximum violation of the path constraints
 
     @classmethod
     def of(cls, run: LearnerRun) -> Self:

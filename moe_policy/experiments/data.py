@@ -25,15 +25,10 @@ FAILURES = (Status.NOT_CONVERGED, Status.TIMED_OUT, Status.CRASHED, Status.CHECK
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """What a database holds.
+    """What a database holds."""
 
-    Args:
-        report: its record.
-        differences: (second − best) / |best| of the instances with at least two families.
-    """
-
-    report: SplitReport
-    differences: Array
+    report: SplitReport  # its record
+    differences: Array  # (second − best) / |best| of the instances with at least two families
 
 
 @dataclass(frozen=True, eq=False)

@@ -122,33 +122,19 @@ class _Trial:
 
 @dataclass(frozen=True, eq=False)
 class _Findings:
-    """What is known of the instances on which a planner fails: arrays by instance, (B,) unless it says otherwise.
+    """What is known of the instances on which a planner fails: arrays by instance, (B,) unless it says otherwise."""
 
-    Args:
-        cases: the instances.
-        predicted: error of the plan's own end.
-        error: error of the tracked plan when it is evaluated.
-        episodes: of the tracked plans.
-        chosen: expert that the gate prefers.
-        confidence: the gate's probability of it.
-        good: experts whose own plans succeed, (B, r).
-        right: experts that count as right, (B, r).
-        tracked: whether the optimal trajectory succeeds.
-        reachable: whether a near training sample of the optimal family succeeds.
-        distance: to the nearest of them.
-    """
-
-    cases: Samples
-    predicted: Array
-    error: Array
-    episodes: Episodes
-    chosen: Ints
-    confidence: Array
-    good: Bools
-    right: Bools
-    tracked: Bools
-    reachable: Bools
-    distance: Array
+    cases: Samples  # the instances
+    predicted: Array  # error of the plan's own end
+    error: Array  # error of the tracked plan when it is evaluated
+    episodes: Episodes  # of the tracked plans
+    chosen: Ints  # expert that the gate prefers
+    confidence: Array  # the gate's probability of it
+    good: Bools  # experts whose own plans succeed, (B, r)
+    right: Bools  # experts that count as right, (B, r)
+    tracked: Bools  # whether the optimal trajectory succeeds
+    reachable: Bools  # whether a near training sample of the optimal family succeeds
+    distance: Array  # to the nearest of them
 
     def failures(self) -> list[Failure]:
         """A failure for each instance."""

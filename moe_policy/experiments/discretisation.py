@@ -149,23 +149,14 @@ class Excess(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Discretisation(Record):
-    """The record of ``scripts/check_discretisation.py``.
+    """The record of ``scripts/check_discretisation.py``."""
 
-    Args:
-        env_id: the problem.
-        cases: validation instances.
-        intervals: intervals of a plan.
-        rows: one for each estimate.
-        seconds: wall time.
-        provenance: where the record comes from.
-    """
-
-    env_id: str
-    cases: int
-    intervals: int
-    rows: tuple[Excess, ...]
-    seconds: float
-    provenance: Provenance
+    env_id: str  # the problem
+    cases: int  # validation instances
+    intervals: int  # intervals of a plan
+    rows: tuple[Excess, ...]  # one for each estimate
+    seconds: float  # wall time
+    provenance: Provenance  # where the record comes from
 
 
 PER_CENT = ".3f"

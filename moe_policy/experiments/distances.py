@@ -26,16 +26,11 @@ _TINY = 1e-9
 
 @dataclass(frozen=True)
 class Measure:
-    """What is measured on a problem.
+    """What is measured on a problem."""
 
-    Args:
-        name: that of the metric in a comparison.
-        label: of its axis.
-        of: values by episode, (B,): flags that are counted or numbers that are averaged; ``None`` without plans.
-    """
-
-    name: str
-    label: str
+    name: str  # that of the metric in a comparison
+    label: str  # of its axis
+    #: values by episode, (B,): flags that are counted or numbers that are averaged; ``None`` without plans
     of: Callable[[OptimalControlProblem, Episodes], Array | Bools | None]
 
     def estimate(self, problem: OptimalControlProblem, episodes: Episodes) -> Estimate | None:
@@ -112,21 +107,13 @@ def log_bins(distances: Array, per_decade: int = PER_DECADE, minimum: int = MINI
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceCurves(Record):
-    """Metrics against the distance from the discontinuity.
+    """Metrics against the distance from the discontinuity."""
 
-    Args:
-        edges: of the K bins, K + 1 distances.
-        problems: number of instances in each bin.
-        distance: geometric mean of the distances in each bin.
-        distance_unknown: number of instances whose distance is not known, which are left out.
-        metrics: by measure and method, one estimate for each bin.
-    """
-
-    edges: tuple[float, ...]
-    problems: tuple[int, ...]
-    distance: tuple[float, ...]
-    distance_unknown: int
-    metrics: dict[str, dict[str, tuple[Estimate | None, ...]]]
+    edges: tuple[float, ...]  # of the K bins, K + 1 distances
+    problems: tuple[int, ...]  # number of instances in each bin
+    distance: tuple[float, ...]  # geometric mean of the distances in each bin
+    distance_unknown: int  # number of instances whose distance is not known, which are left out
+    metrics: dict[str, dict[str, tuple[Estimate | None, ...]]]  # by measure and method, one estimate for each bin
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, distances: Array, episodes: Mapping[str, Episodes]) -> Self:

@@ -30,42 +30,27 @@ class EvaluatedAt(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Failure(Record):
-    """An instance whose tracked plan misses the goal.
+    """An instance whose tracked plan misses the goal."""
 
-    Args:
-        index: number of the instance in its database.
-        parameters: p, np numbers.
-        cause: why it fails.
-        mode: name of the optimal solution family.
-        chosen: number of the expert that the gate prefers.
-        confidence: the gate's probability of it.
-        right: experts that count as right: that of the optimal family, or none if it has none; all of them where the
-            clusters are not the problem's families.
-        successful: experts whose own plans succeed.
-        relative_gap: relative cost difference of the two cheapest families; ``None`` where only one was found.
-        nearest_distance: from p to the nearest training sample of the optimal family; ``None`` where there is none.
-        final_error: ‖state error‖ when the plan is evaluated, or where the episode left the box.
-        predicted_error: the same at the last knot of the plan; ``None`` where the plan is not finite.
-        left_box: whether the episode left the operating box.
-        clipped: whether the plan's duration was clipped to its bounds.
-        rejected: whether the plan was not finite.
-    """
-
-    index: int
-    parameters: tuple[float, ...]
-    cause: Cause
-    mode: str
-    chosen: int
-    confidence: float
+    index: int  # number of the instance in its database
+    parameters: tuple[float, ...]  # p, np numbers
+    cause: Cause  # why it fails
+    mode: str  # name of the optimal solution family
+    chosen: int  # number of the expert that the gate prefers
+    confidence: float  # the gate's probability of it
+    #: experts that count as right: that of the optimal family, or none if it has none; all of them where the clusters
+    #: are not the problem's families
     right: tuple[int, ...]
-    successful: tuple[int, ...]
+    successful: tuple[int, ...]  # experts whose own plans succeed
+    #: relative cost difference of the two cheapest families; ``None`` where only one was found
     relative_gap: float | None
+    #: from p to the nearest training sample of the optimal family; ``None`` where there is none
     nearest_distance: float | None
-    final_error: float
-    predicted_error: float | None
-    left_box: bool
-    clipped: bool
-    rejected: bool
+    final_error: float  # ‖state error‖ when the plan is evaluated, or where the episode left the box
+    predicted_error: float | None  # the same at the last knot of the plan; ``None`` where the plan is not finite
+    left_box: bool  # whether the episode left the operating box
+    clipped: bool  # whether the plan's duration was clipped to its bounds
+    rejected: bool  # whether the plan was not finite
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,17 +25,11 @@ WORKER, SOLVER = b"spawn_main", b"serve()"
 
 @dataclass(frozen=True)
 class Kill:
-    """A process to be killed.
+    """A process to be killed."""
 
-    Args:
-        kind: "parent", "worker" or "solver" (the child in which a worker solves).
-        chunks: number of complete chunks to wait for.
-        delay: seconds to wait after that.
-    """
-
-    kind: str
-    chunks: int
-    delay: float
+    kind: str  # "parent", "worker" or "solver" (the child in which a worker solves)
+    chunks: int  # number of complete chunks to wait for
+    delay: float  # seconds to wait after that
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,27 +18,16 @@ from ocp_envs.support.arrays import Array
 
 @dataclass(frozen=True, kw_only=True)
 class DevelopmentMetrics(Record):
-    """Metrics on the development set, of any method; some are not kept along a training curve.
+    """Metrics on the development set, of any method; some are not kept along a training curve."""
 
-    Args:
-        success: fraction of the episodes in the goal ball at the evaluation time.
-        reached: episodes that entered the goal ball.
-        cost: mean ∫L dt up to the goal ball over the successes; ``None`` without any.
-        score: by which actors are chosen; lower is better.
-        cost_ratio: Σ cost / Σ optimal cost over the successes; ``None`` without any.
-        mean_return: mean undiscounted return as the environment charges it.
-        violation: mean of the maximum violation of the path constraints, metres; ``None`` without any.
-        final_error: median of ‖x − goal‖ at the evaluation time.
-    """
-
-    success: float
-    reached: int | Absent = ABSENT
-    cost: float | Absent | None = ABSENT
-    score: float | Absent = ABSENT
-    cost_ratio: float | None
-    mean_return: float | None
-    violation: float | None
-    final_error: float | Absent = ABSENT
+    success: float  # fraction of the episodes in the goal ball at the evaluation time
+    reached: int | Absent = ABSENT  # episodes that entered the goal ball
+    cost: float | Absent | None = ABSENT  # mean ∫L dt up to the goal ball over the successes; ``None`` without any
+    score: float | Absent = ABSENT  # by which actors are chosen; lower is better
+    cost_ratio: float | None  # Σ cost / Σ optimal cost over the successes; ``None`` without any
+    mean_return: float | None  # mean undiscounted return as the environment charges it
+    violation: float | None  # mean of the maximum violation of the path constraints, metres; ``None`` without any
+    final_error: float | Absent = ABSENT  # median of ‖x − goal‖ at the evaluation time
 
     @classmethod
     def of(
@@ -71,46 +60,27 @@ class DevelopmentMetrics(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class ChosenActor(Record):
-    """The shipped actor of a learner.
+    """The shipped actor of a learner."""
 
-    Args:
-        steps: decisions learnt from when it was chosen.
-        seconds: wall time of the training until then; ``None`` where its curve has no such evaluation.
-        development: its metrics.
-    """
-
-    steps: int
-    seconds: float | None
-    development: DevelopmentMetrics
+    steps: int  # decisions learnt from when it was chosen
+    seconds: float | None  # wall time of the training until then; ``None`` where its curve has no such evaluation
+    development: DevelopmentMetrics  # its metrics
 
 
 @dataclass(frozen=True, kw_only=True)
 class LearnerBudget(Record):
-    """The seeds of a learner: what they spent, and how successful they were.
+    """The seeds of a learner: what they spent, and how successful they were."""
 
-    Args:
-        settings: common to the seeds.
-        seeds: of the trainings.
-        steps: decisions, one a seed.
-        simulated_seconds: simulated time, one a seed.
-        seconds: wall time, one a seed.
-        trials_before: trials of the search for the settings.
-        steps_of_trials: decisions in all trials.
-        validation_success: fraction of successes of the chosen actors on the validation set.
-        curves: on the development set, one a seed.
-        chosen: the shipped actor; ``None`` where none is shipped.
-    """
-
-    settings: dict[str, object]
-    seeds: tuple[int, ...]
-    steps: tuple[int, ...]
-    simulated_seconds: tuple[float, ...]
-    seconds: tuple[float, ...]
-    trials_before: int
-    steps_of_trials: int
-    validation_success: Spread
-    curves: tuple[Curve, ...]
-    chosen: ChosenActor | None
+    settings: dict[str, object]  # common to the seeds
+    seeds: tuple[int, ...]  # of the trainings
+    steps: tuple[int, ...]  # decisions, one a seed
+    simulated_seconds: tuple[float, ...]  # simulated time, one a seed
+    seconds: tuple[float, ...]  # wall time, one a seed
+    trials_before: int  # trials of the search for the settings
+    steps_of_trials: int  # decisions in all trials
+    validation_success: Spread  # fraction of successes of the chosen actors on the validation set
+    curves: tuple[Curve, ...]  # on the development set, one a seed
+    chosen: ChosenActor | None  # the shipped actor; ``None`` where none is shipped
 
     @classmethod
     def of(cls, trainings: Sequence[LearnerTraining], chosen: ChosenActor | None = None) -> Self:

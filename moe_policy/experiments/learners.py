@@ -19,75 +19,44 @@ from ocp_envs.support.provenance import Provenance
 
 @dataclass(frozen=True, kw_only=True)
 class CurvePoint(Record):
-    """One evaluation of a training, on the development set: :class:`moe_policy.rl.evaluation.Evaluation` as JSON.
+    """One evaluation of a training, on the development set: :class:`moe_policy.rl.evaluation.Evaluation` as JSON."""
 
-    Args:
-        steps: decisions learnt from until then.
-        seconds: wall time of the training until then, earlier evaluations included.
-        success: episodes in the goal ball at the evaluation time.
-        reached: episodes that entered the goal ball.
-        cost: mean ∫L dt up to the goal ball over the successes; ``None`` without any.
-        score: by which the best actor is chosen; lower is better.
-        cost_ratio: Σ cost / Σ optimal cost over the successes; ``None`` without any.
-        mean_return: mean undiscounted return.
-        violation: mean of the maximum violation of the path constraints; ``None`` without any.
-        final_error: median of ‖x − goal‖ at the evaluation time.
-    """
-
-    steps: int
-    seconds: float
-    success: int
-    reached: int
-    cost: float | None
-    score: float
-    cost_ratio: float | Absent | None = ABSENT
-    mean_return: float | Absent | None = ABSENT
+    steps: int  # decisions learnt from until then
+    seconds: float  # wall time of the training until then, earlier evaluations included
+    success: int  # episodes in the goal ball at the evaluation time
+    reached: int  # episodes that entered the goal ball
+    cost: float | None  # mean ∫L dt up to the goal ball over the successes; ``None`` without any
+    score: float  # by which the best actor is chosen; lower is better
+    cost_ratio: float | Absent | None = ABSENT  # Σ cost / Σ optimal cost over the successes; ``None`` without any
+    mean_return: float | Absent | None = ABSENT  # mean undiscounted return
+    #: mean of the maximum violation of the path constraints; ``None`` without any
     violation: float | Absent | None = ABSENT
-    final_error: float | Absent | None = ABSENT
+    final_error: float | Absent | None = ABSENT  # median of ‖x − goal‖ at the evaluation time
 
 
 @dataclass(frozen=True, kw_only=True)
 class CaseSet(Record):
-    """Parameters from which policies are evaluated.
+    """Parameters from which policies are evaluated."""
 
-    Args:
-        name: of the reference set.
-        seed: of its draw, in records of trials that drew it themselves.
-        count: number of parameters.
-        planners: number of those from which planners are evaluated, where learners have them all.
-    """
-
-    name: str = renamed("set")
-    seed: int | Absent = ABSENT
-    count: int
-    planners: int | Absent = ABSENT
+    name: str = renamed("set")  # of the reference set
+    seed: int | Absent = ABSENT  # of its draw, in records of trials that drew it themselves
+    count: int  # number of parameters
+    planners: int | Absent = ABSENT  # number of those from which planners are evaluated, where learners have them all
 
 
 @dataclass(frozen=True, kw_only=True)
 class LearnerRun(Record):
-    """One run of a learner.
+    """One run of a learner."""
 
-    Args:
-        algorithm: name of the learner.
-        settings: of the learner; records of older settings lack some.
-        steps: decisions learnt from.
-        seconds: wall time, evaluations included.
-        best: evaluation of the chosen actor.
-        curve: all evaluations.
-        complete: whether all steps were run.
-        development: the set of the evaluations.
-        provenance: of the run.
-    """
-
-    algorithm: str
-    settings: dict[str, object]
-    steps: int
-    seconds: float
-    best: CurvePoint
-    curve: tuple[CurvePoint, ...]
-    complete: bool
-    development: CaseSet
-    provenance: Provenance
+    algorithm: str  # name of the learner
+    settings: dict[str, object]  # of the learner; records of older settings lack some
+    steps: int  # decisions learnt from
+    seconds: float  # wall time, evaluations included
+    best: CurvePoint  # evaluation of the chosen actor
+    curve: tuple[CurvePoint, ...]  # all evaluations
+    complete: bool  # whether all steps were run
+    development: CaseSet  # the set of the evaluations
+    provenance: Provenance  # of the run
 
     @classmethod
     def of(cls, run: TrainingRun, development: CaseSet, provenance: Provenance) -> Self:
@@ -116,60 +85,37 @@ class LearnerRun(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Trial(Record):
-    """A trial of the search for settings.
+    """A trial of the search for settings."""
 
-    Args:
-        note: what was tried.
-        run: what came of it.
-    """
-
-    note: str
-    run: LearnerRun = inline()
+    note: str  # what was tried
+    run: LearnerRun = inline()  # what came of it
 
 
 @dataclass(frozen=True, kw_only=True)
 class Search(Record):
-    """The search for the settings of a learner: ``search_<algorithm>_<env>.json``.
+    """The search for the settings of a learner: ``search_<algorithm>_<env>.json``."""
 
-    Args:
-        env_id: id of the problem.
-        trials: in the order in which they were made.
-    """
-
-    env_id: str
-    trials: tuple[Trial, ...]
+    env_id: str  # id of the problem
+    trials: tuple[Trial, ...]  # in the order in which they were made
 
 
 @dataclass(frozen=True, kw_only=True)
 class LearnerValidation(Record):
-    """The chosen actor on the validation set.
+    """The chosen actor on the validation set."""
 
-    Args:
-        reached: episodes that entered the goal ball.
-        success: episodes in the goal ball at the evaluation time.
-        left_box: episodes that left the operating box.
-    """
-
-    reached: Proportion
-    success: Proportion
-    left_box: int
+    reached: Proportion  # episodes that entered the goal ball
+    success: Proportion  # episodes in the goal ball at the evaluation time
+    left_box: int  # episodes that left the operating box
 
 
 @dataclass(frozen=True, kw_only=True)
 class LearnerTraining(Record):
-    """The recorded training of a learner: ``training_<algorithm>_<env>[_seed<n>].json``.
+    """The recorded training of a learner: ``training_<algorithm>_<env>[_seed<n>].json``."""
 
-    Args:
-        env_id: id of the problem.
-        run: the training.
-        validation: of the chosen actor.
-        search: the trials before it.
-    """
-
-    env_id: str
-    run: LearnerRun = inline()
-    validation: LearnerValidation
-    search: tuple[Trial, ...]
+    env_id: str  # id of the problem
+    run: LearnerRun = inline()  # the training
+    validation: LearnerValidation  # of the chosen actor
+    search: tuple[Trial, ...]  # the trials before it
 
     @property
     def seed(self) -> int:

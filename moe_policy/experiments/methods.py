@@ -43,18 +43,12 @@ SHARE = 250
 
 @dataclass(frozen=True, eq=False)
 class Method:
-    """A planner or a policy under a name.
+    """A planner or a policy under a name."""
 
-    Args:
-        name: in tables; one of the shipped names, such as ``"moe-custom"``.
-        actor: a planner (called with p) or a policy (with ``predict``).
-        data: what it learnt from, in words; ``None`` where nothing was learnt.
-        seconds: duration of the training without the generation of data; ``None`` where nothing was learnt.
-    """
-
-    name: str
-    actor: Planner | Policy
-    data: str | None = None
+    name: str  # in tables; one of the shipped names, such as ``"moe-custom"``
+    actor: Planner | Policy  # a planner (called with p) or a policy (with ``predict``)
+    data: str | None = None  # what it learnt from, in words; ``None`` where nothing was learnt
+    #: duration of the training without the generation of data; ``None`` where nothing was learnt
     seconds: float | None = None
 
     @property

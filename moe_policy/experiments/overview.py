@@ -21,32 +21,21 @@ from ocp_envs.support.provenance import Provenance
 
 @dataclass(frozen=True, kw_only=True)
 class OverviewRow(Record):
-    """One metric of one problem.
+    """One metric of one problem."""
 
-    Args:
-        env_id: id of the problem; empty but in its first row.
-        measure: what is shown.
-        cells: text by the title of the methods' column; methods that the problem lacks are missing.
-    """
-
-    env_id: str
-    measure: str
+    env_id: str  # id of the problem; empty but in its first row
+    measure: str  # what is shown
+    #: text by the title of the methods' column; methods that the problem lacks are missing
     cells: dict[str, str | None] = inline()
 
 
 @dataclass(frozen=True, kw_only=True)
 class OverviewTable(Record):
-    """The overview: ``table_overview.json``.
+    """The overview: ``table_overview.json``."""
 
-    Args:
-        quick: whether it is made from few cases.
-        rows: all rows.
-        provenance: of the record.
-    """
-
-    quick: bool
-    rows: tuple[OverviewRow, ...]
-    provenance: Provenance
+    quick: bool  # whether it is made from few cases
+    rows: tuple[OverviewRow, ...]  # all rows
+    provenance: Provenance  # of the record
 
 
 #: Title of the column of the learner, whose name follows its first value.

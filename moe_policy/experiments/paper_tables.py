@@ -27,60 +27,37 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class SummaryColumn(Record):
-    """A problem and a mixture.
+    """A problem and a mixture."""
 
-    Args:
-        key: of its cells.
-        title: heading.
-    """
-
-    key: str
-    title: str
+    key: str  # of its cells
+    title: str  # heading
 
 
 @dataclass(frozen=True, kw_only=True)
 class SummaryRow(Record):
-    """One property of all problems and mixtures.
+    """One property of all problems and mixtures."""
 
-    Args:
-        label: the property.
-        cells: text by the key of the column.
-    """
-
-    label: str
-    cells: dict[str, str] = inline()
+    label: str  # the property
+    cells: dict[str, str] = inline()  # text by the key of the column
 
 
 @dataclass(frozen=True, kw_only=True)
 class SummaryTable(Record):
-    """The summary: ``table_summary.json``.
+    """The summary: ``table_summary.json``."""
 
-    Args:
-        quick: whether it is made from few instances.
-        columns: from left to right.
-        rows: from top to bottom.
-        provenance: of the record.
-    """
-
-    quick: bool
-    columns: tuple[SummaryColumn, ...]
-    rows: tuple[SummaryRow, ...]
-    provenance: Provenance
+    quick: bool  # whether it is made from few instances
+    columns: tuple[SummaryColumn, ...]  # from left to right
+    rows: tuple[SummaryRow, ...]  # from top to bottom
+    provenance: Provenance  # of the record
 
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What the columns of one problem are made from.
+    """What the columns of one problem are made from."""
 
-    Args:
-        problem: the problem.
-        rows: of its trained models; of equal names the first counts.
-        cases: number of validation instances.
-    """
-
-    problem: OptimalControlProblem
-    rows: Sequence[TrainingRow]
-    cases: int
+    problem: OptimalControlProblem  # the problem
+    rows: Sequence[TrainingRow]  # of its trained models; of equal names the first counts
+    cases: int  # number of validation instances
 
 
 def summarised(problem: OptimalControlProblem) -> list[str]:

@@ -30,26 +30,17 @@ KINDS = ("mismatch", "disturbance", "noise", "delay")
 class Perturbation:
     """One respect in which the plant differs from the model.
 
-    Args:
-        name: short name, for records.
-        label: what differs, as the axis of a figure says it.
-        unit: of the levels.
-        kind: one of :data:`KINDS`.
-        levels: increasing, in ``unit``, 0 (the nominal plant) among them.
-        names: constants that are multiplied (mismatch), or state coordinates that are disturbed.
-        divided: constants that are divided (mismatch).
-
     Raises:
         ValueError: an unknown kind, levels without 0 or out of order, or levels that the kind cannot have.
     """
 
-    name: str
-    label: str
-    unit: str
-    kind: str
-    levels: tuple[float, ...]
-    names: tuple[str, ...] = ()
-    divided: tuple[str, ...] = ()
+    name: str  # short name, for records
+    label: str  # what differs, as the axis of a figure says it
+    unit: str  # of the levels
+    kind: str  # one of :data:`KINDS`
+    levels: tuple[float, ...]  # increasing, in ``unit``, 0 (the nominal plant) among them
+    names: tuple[str, ...] = ()  # constants that are multiplied (mismatch), or state coordinates that are disturbed
+    divided: tuple[str, ...] = ()  # constants that are divided (mismatch)
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

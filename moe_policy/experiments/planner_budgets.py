@@ -29,25 +29,15 @@ from ocp_envs.problem import OptimalControlProblem
 
 @dataclass(frozen=True, kw_only=True)
 class GenerationEffort(Record):
-    """What it took to solve the training set, from the record of its generation or, without times, of the data.
+    """What it took to solve the training set, from the record of its generation or, without times, of the data."""
 
-    Args:
-        problems: solved instances.
-        solves: attempts.
-        iterations: of the solver in all attempts.
-        seconds: wall time.
-        resumed_from: instances that earlier calls had solved, whose time is not included.
-        workers: processes.
-        rest: what else the record says.
-    """
-
-    problems: int
-    solves: int
-    iterations: int
-    seconds: float | Absent = ABSENT
-    resumed_from: int | Absent = ABSENT
-    workers: int | Absent = ABSENT
-    rest: dict[str, object] = inline()
+    problems: int  # solved instances
+    solves: int  # attempts
+    iterations: int  # of the solver in all attempts
+    seconds: float | Absent = ABSENT  # wall time
+    resumed_from: int | Absent = ABSENT  # instances that earlier calls had solved, whose time is not included
+    workers: int | Absent = ABSENT  # processes
+    rest: dict[str, object] = inline()  # what else the record says
 
     @classmethod
     def read(cls, folder: Path, problem: OptimalControlProblem) -> Self | None:
@@ -64,34 +54,21 @@ class GenerationEffort(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerBudget(Record):
-    """What a planner's data and training took.
+    """What a planner's data and training took."""
 
-    Args:
-        samples: instances on which it was trained.
-        knots: N.
-        solves: of these instances.
-        iterations: of the solver for these instances.
-        generation_seconds: wall time of the generation; ``None`` where no record has it.
-        workers: processes of the generation.
-        estimated: whether values are a fraction of those of a larger set, or extrapolated to the unrecorded part of an
-            interrupted generation.
-        training_seconds: wall time of the training, one a seed.
-        states_of_solutions: solves × N.
-        states_of_iterations: iterations × N.
-        seconds: wall time of the generation and median of the training; ``None`` where that of the generation is
-            unknown.
-    """
-
-    samples: int
-    knots: int
-    solves: int
-    iterations: int
-    generation_seconds: float | None
-    workers: int
+    samples: int  # instances on which it was trained
+    knots: int  # N
+    solves: int  # of these instances
+    iterations: int  # of the solver for these instances
+    generation_seconds: float | None  # wall time of the generation; ``None`` where no record has it
+    workers: int  # processes of the generation
+    #: whether values are a fraction of those of a larger set, or extrapolated to the unrecorded part of an interrupted
+    #: generation
     estimated: bool
-    training_seconds: tuple[float, ...]
-    states_of_solutions: int
-    states_of_iterations: int
+    training_seconds: tuple[float, ...]  # wall time of the training, one a seed
+    states_of_solutions: int  # solves × N
+    states_of_iterations: int  # iterations × N
+    #: wall time of the generation and median of the training; ``None`` where that of the generation is unknown
     seconds: float | None
 
     @classmethod
@@ -140,20 +117,13 @@ class PlannerBudget(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class PlannerRow(Record):
-    """The seeds of a planner trained on some number of instances, on the validation set.
+    """The seeds of a planner trained on some number of instances, on the validation set."""
 
-    Args:
-        name: of the planner.
-        samples: instances on which it was trained.
-        budget: what that took; ``None`` without a record of the generation.
-        validation_success: fraction of successes.
-        validation_violation: mean of the maximum violation of the path constraints, metres; ``None`` without any.
-    """
-
-    name: str
-    samples: int
-    budget: PlannerBudget | None
-    validation_success: Spread
+    name: str  # of the planner
+    samples: int  # instances on which it was trained
+    budget: PlannerBudget | None  # what that took; ``None`` without a record of the generation
+    validation_success: Spread  # fraction of successes
+    #: mean of the maximum violation of the path constraints, metres; ``None`` without any
     validation_violation: Spread | None
 
     @classmethod

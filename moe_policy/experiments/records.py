@@ -131,19 +131,12 @@ def write(path: str | os.PathLike[str], record: Record) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class _Shape:
-    """The JSON object of a dataclass.
+    """The JSON object of a dataclass."""
 
-    Args:
-        kind: the dataclass.
-        keys: field → JSON key.
-        optional: keys that a file may lack.
-        inlined: field → type of the fields whose keys stand among the others.
-    """
-
-    kind: type
-    keys: dict[str, str]
-    optional: frozenset[str]
-    inlined: dict[str, Any]
+    kind: type  # the dataclass
+    keys: dict[str, str]  # field → JSON key
+    optional: frozenset[str]  # keys that a file may lack
+    inlined: dict[str, Any]  # field → type of the fields whose keys stand among the others
 
     @classmethod
     def of(cls, kind: type) -> _Shape:

@@ -27,25 +27,17 @@ from ocp_envs.support.provenance import Provenance
 
 @dataclass(frozen=True, kw_only=True)
 class PlantRow(Record):
-    """One method on one plant.
+    """One method on one plant."""
 
-    Args:
-        name: of the method.
-        reached: episodes that entered the goal ball.
-        success: episodes in the goal ball at the evaluation time.
-        success_at_plan_end: the same at the plan's end, before terminal regulation; ``None`` without a plan.
-        left_box: episodes that left the operating box.
-        violation_mean: mean of the maximum violation of the path constraints on the path, metres; ``None`` without any.
-        knot_violation_mean: the same at the plan's knots; ``None`` without plan or constraints.
-    """
-
-    name: str
-    reached: Proportion
-    success: Proportion
+    name: str  # of the method
+    reached: Proportion  # episodes that entered the goal ball
+    success: Proportion  # episodes in the goal ball at the evaluation time
+    #: the same at the plan's end, before terminal regulation; ``None`` without a plan
     success_at_plan_end: Proportion | None
-    left_box: int
+    left_box: int  # episodes that left the operating box
+    #: mean of the maximum violation of the path constraints on the path, metres; ``None`` without any
     violation_mean: float | None
-    knot_violation_mean: float | None
+    knot_violation_mean: float | None  # the same at the plan's knots; ``None`` without plan or constraints
 
     @classmethod
     def of(cls, name: str, metrics: Metrics) -> Self:
@@ -68,42 +60,25 @@ class PlantRow(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class LevelRow(Record):
-    """One method at one level of a perturbation.
+    """One method at one level of a perturbation."""
 
-    Args:
-        perturbation: its name.
-        level: in the unit of the perturbation.
-        outcome: of the method on this plant.
-    """
-
-    perturbation: str
-    level: float
-    outcome: PlantRow = inline()
+    perturbation: str  # its name
+    level: float  # in the unit of the perturbation
+    outcome: PlantRow = inline()  # of the method on this plant
 
 
 @dataclass(frozen=True, kw_only=True)
 class Robustness(Record):
-    """All methods of one problem on all plants: ``robustness_<env>.json``.
+    """All methods of one problem on all plants: ``robustness_<env>.json``."""
 
-    Args:
-        env_id: id of the problem.
-        cases: number of initial conditions.
-        seed: of noise and disturbances.
-        dt: control period, seconds.
-        perturbations: in what the plants differ from the model.
-        rows: one for each perturbation, level and method.
-        cpu_seconds: processor time.
-        provenance: of the record.
-    """
-
-    env_id: str
-    cases: int
-    seed: int
-    dt: float
-    perturbations: tuple[Perturbation, ...]
-    rows: tuple[LevelRow, ...]
-    cpu_seconds: float
-    provenance: Provenance
+    env_id: str  # id of the problem
+    cases: int  # number of initial conditions
+    seed: int  # of noise and disturbances
+    dt: float  # control period, seconds
+    perturbations: tuple[Perturbation, ...]  # in what the plants differ from the model
+    rows: tuple[LevelRow, ...]  # one for each perturbation, level and method
+    cpu_seconds: float  # processor time
+    provenance: Provenance  # of the record
 
     @property
     def methods(self) -> list[str]:
@@ -133,17 +108,11 @@ def _successes(i: int) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Plant(Record):
-    """All methods on one plant, as it is stored between runs.
+    """All methods on one plant, as it is stored between runs."""
 
-    Args:
-        arguments: of the environments.
-        rows: one for each method.
-        cpu_seconds: processor time.
-    """
-
-    arguments: object
-    rows: tuple[PlantRow, ...]
-    cpu_seconds: float
+    arguments: object  # of the environments
+    rows: tuple[PlantRow, ...]  # one for each method
+    cpu_seconds: float  # processor time
 
 
 def plant_key(identity: str, arguments: Mapping[str, Any]) -> str:

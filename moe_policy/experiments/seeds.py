@@ -18,26 +18,17 @@ from ocp_envs.data.samples import Samples
 
 @dataclass(frozen=True, kw_only=True)
 class Training(Record):
-    """How a network was trained.
+    """How a network was trained."""
 
-    Args:
-        seed: of the training.
-        samples: number of training instances.
-        test_error: smooth L1 loss on the test split.
-        training_seconds: duration.
-        peak_memory_gb: of the process, 2³⁰ bytes; ``None`` where it was not measured.
-        gate_accuracy: of a mixture on the test split; ``None`` for a single network.
-        part_test_errors: loss on the test split of each expert, or of the single network.
-        cluster_sizes: number of samples in each cluster; ``None`` for a single network.
-    """
-
-    seed: int
-    samples: int
-    test_error: float
-    training_seconds: float
-    peak_memory_gb: float | Absent | None = ABSENT
-    gate_accuracy: float | Absent | None = ABSENT
+    seed: int  # of the training
+    samples: int  # number of training instances
+    test_error: float  # smooth L1 loss on the test split
+    training_seconds: float  # duration
+    peak_memory_gb: float | Absent | None = ABSENT  # of the process, 2³⁰ bytes; ``None`` where it was not measured
+    gate_accuracy: float | Absent | None = ABSENT  # of a mixture on the test split; ``None`` for a single network
+    #: loss on the test split of each expert, or of the single network
     part_test_errors: tuple[float, ...] | Absent = ABSENT
+    #: number of samples in each cluster; ``None`` for a single network
     cluster_sizes: tuple[int, ...] | Absent | None = ABSENT
 
     @classmethod
@@ -60,25 +51,15 @@ class Training(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Model(Record):
-    """A trained network on the validation set.
+    """A trained network on the validation set."""
 
-    Args:
-        training: how it was trained.
-        success: number of successful rollouts.
-        success_at_plan_end: number of rollouts in the goal ball at the plan's end.
-        reached: number of rollouts that enter the goal ball.
-        violation: mean violation on the whole path, metres; ``None`` without path constraints.
-        knot_violation: the same at the knots.
-        validation_error: smooth L1 loss of its predictions.
-    """
-
-    training: Training = inline()
-    success: int
-    success_at_plan_end: int
-    reached: int
-    violation: float | None
-    knot_violation: float | None
-    validation_error: float
+    training: Training = inline()  # how it was trained
+    success: int  # number of successful rollouts
+    success_at_plan_end: int  # number of rollouts in the goal ball at the plan's end
+    reached: int  # number of rollouts that enter the goal ball
+    violation: float | None  # mean violation on the whole path, metres; ``None`` without path constraints
+    knot_violation: float | None  # the same at the knots
+    validation_error: float  # smooth L1 loss of its predictions
 
     @classmethod
     def of(cls, planner: NetworkPlanner, validation: Samples) -> Model:
@@ -102,17 +83,11 @@ class Model(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Range(Record):
-    """The median over training seeds, and the range.
+    """The median over training seeds, and the range."""
 
-    Args:
-        median: of the values.
-        minimum: smallest value.
-        maximum: largest value.
-    """
-
-    median: float
-    minimum: float = renamed("least")
-    maximum: float = renamed("most")
+    median: float  # of the values
+    minimum: float = renamed("least")  # smallest value
+    maximum: float = renamed("most")  # largest value
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Range:
@@ -147,25 +122,15 @@ class Paper(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingRow(Record):
-    """All seeds of one kind of model; lists hold a value for each seed.
+    """All seeds of one kind of model; lists hold a value for each seed."""
 
-    Args:
-        name: of the model.
-        samples: number of training instances.
-        hidden: widths of the hidden layers, in the ablation.
-        shipped_seed: seed of the model in the package, where other fields are of this model alone.
-        seeds: of the trainings.
-        success: as in :class:`Model`, and so on.
-        success_spread: median and range of ``success``, and so on.
-        paper: the paper's values.
-    """
-
-    name: str
-    samples: int
-    hidden: tuple[int, ...] | Absent = ABSENT
+    name: str  # of the model
+    samples: int  # number of training instances
+    hidden: tuple[int, ...] | Absent = ABSENT  # widths of the hidden layers, in the ablation
+    #: seed of the model in the package, where other fields are of this model alone
     shipped_seed: tuple[int, ...] | Absent = renamed("seed", ABSENT)
-    seeds: tuple[int, ...]
-    success: tuple[int, ...]
+    seeds: tuple[int, ...]  # of the trainings
+    success: tuple[int, ...]  # as in :class:`Model`, and so on
     success_at_plan_end: tuple[int, ...]
     reached: tuple[int, ...] | Absent = ABSENT
     violation: tuple[float | None, ...] | Absent = ABSENT
@@ -177,14 +142,14 @@ class TrainingRow(Record):
     gate_accuracy: tuple[float | None, ...] | Absent = ABSENT
     part_test_errors: tuple[tuple[float, ...] | None, ...] | Absent = ABSENT
     cluster_sizes: tuple[tuple[int, ...] | None, ...] | Absent = ABSENT
-    success_spread: Range
+    success_spread: Range  # median and range of ``success``, and so on
     success_at_plan_end_spread: Range
     violation_spread: Range | Absent = ABSENT
     knot_violation_spread: Range | Absent = ABSENT
     test_error_spread: Range
     validation_error_spread: Range
     training_seconds_spread: Range
-    paper: Paper = inline()
+    paper: Paper = inline()  # the paper's values
 
     @classmethod
     def of(cls, name: str, models: Sequence[Model], published: Published | None = None) -> TrainingRow:

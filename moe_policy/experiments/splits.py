@@ -32,15 +32,10 @@ BINNED = ("uniform", "boundary")
 
 @dataclass(frozen=True, kw_only=True)
 class SplitRow(Record):
-    """One method on one split.
+    """One method on one split."""
 
-    Args:
-        row: as in a comparison.
-        judged: an estimate by measure; ``None`` where the method has no plans to measure.
-    """
-
-    row: ComparisonRow = inline()
-    judged: dict[str, Estimate | None]
+    row: ComparisonRow = inline()  # as in a comparison
+    judged: dict[str, Estimate | None]  # an estimate by measure; ``None`` where the method has no plans to measure
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, row: ComparisonRow, episodes: Episodes) -> Self:
@@ -50,30 +45,19 @@ class SplitRow(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class SplitMethod(Record):
-    """One method on all splits.
+    """One method on all splits."""
 
-    Args:
-        name: of the method.
-        splits: its rows by split.
-    """
-
-    name: str
-    splits: dict[str, SplitRow] = inline()
+    name: str  # of the method
+    splits: dict[str, SplitRow] = inline()  # its rows by split
 
 
 @dataclass(frozen=True, kw_only=True)
 class CostDifferenceRange(Record):
-    """The relative difference J / J_ref − 1 of the optimal planner's costs from the reference.
+    """The relative difference J / J_ref − 1 of the optimal planner's costs from the reference."""
 
-    Args:
-        within: number of cases within 0.1 %.
-        largest: maximum, at least 0.
-        smallest: minimum, at most 0.
-    """
-
-    within: int = renamed("within_0.1_percent")
-    largest: float
-    smallest: float
+    within: int = renamed("within_0.1_percent")  # number of cases within 0.1 %
+    largest: float  # maximum, at least 0
+    smallest: float  # minimum, at most 0
 
     @classmethod
     def of(cls, costs: Array, reference: Array) -> Self:
@@ -88,55 +72,33 @@ class CostDifferenceRange(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Separation(Record):
-    """Whether the single network and a mixture differ by more than their intervals.
+    """Whether the single network and a mixture differ by more than their intervals."""
 
-    Args:
-        metric: name of the measure.
-        mixture: name of the mixture.
-        disjoint: whether the intervals have no point in common.
-    """
-
-    metric: str
-    mixture: str
-    disjoint: bool
+    metric: str  # name of the measure
+    mixture: str  # name of the mixture
+    disjoint: bool  # whether the intervals have no point in common
 
 
 @dataclass(frozen=True, kw_only=True)
 class SplitSummary(Record):
-    """What was compared on one split.
+    """What was compared on one split."""
 
-    Args:
-        cases: number of instances.
-        optimal_solved: number of those that the optimal planner solved.
-        reference_difference: of its costs from the reference.
-        separations: between the single network and the mixtures.
-    """
-
-    cases: int
-    optimal_solved: int
-    reference_difference: CostDifferenceRange = renamed("reference_gap")
-    separations: tuple[Separation, ...]
+    cases: int  # number of instances
+    optimal_solved: int  # number of those that the optimal planner solved
+    reference_difference: CostDifferenceRange = renamed("reference_gap")  # of its costs from the reference
+    separations: tuple[Separation, ...]  # between the single network and the mixtures
 
 
 @dataclass(frozen=True, kw_only=True)
 class SplitComparison(Record):
-    """All methods of one problem on its splits: ``compare_splits_<env>.json``.
+    """All methods of one problem on its splits: ``compare_splits_<env>.json``."""
 
-    Args:
-        env_id: id of the problem.
-        splits: what was compared, by split.
-        rows: one for each method.
-        curves: over the distance from the discontinuity; ``None`` where there is none.
-        seconds: duration of the run.
-        provenance: of the record.
-    """
-
-    env_id: str
-    splits: dict[str, SplitSummary]
-    rows: tuple[SplitMethod, ...]
-    curves: DistanceCurves | None
-    seconds: float
-    provenance: Provenance
+    env_id: str  # id of the problem
+    splits: dict[str, SplitSummary]  # what was compared, by split
+    rows: tuple[SplitMethod, ...]  # one for each method
+    curves: DistanceCurves | None  # over the distance from the discontinuity; ``None`` where there is none
+    seconds: float  # duration of the run
+    provenance: Provenance  # of the record
 
 
 def separations(problem: OptimalControlProblem, rows: Mapping[str, SplitRow]) -> tuple[Separation, ...]:

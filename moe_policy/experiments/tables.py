@@ -19,16 +19,12 @@ DASH = "–"
 
 @dataclass(frozen=True)
 class Column(Generic[Row]):
-    """A column of a table.
+    """A column of a table."""
 
-    Args:
-        title: heading.
-        of: row → value; ``None``, NaN and :data:`~moe_policy.experiments.records.ABSENT` become a dash.
-        form: how a value is written: a format specification such as ``".3f"``, or a function to text.
-    """
-
-    title: str
+    title: str  # heading
+    #: row → value; ``None``, NaN and :data:`~moe_policy.experiments.records.ABSENT` become a dash
     of: Callable[[Row], Any]
+    #: how a value is written: a format specification such as ``".3f"``, or a function to text
     form: str | Callable[[Any], str] = ""
 
     def cell(self, row: Row) -> str:

@@ -10,23 +10,14 @@ from ocp_envs.data.database import Database
 
 @dataclass(frozen=True, kw_only=True)
 class Totals(Record):
-    """Sums over the instances in a database.
+    """Sums over the instances in a database."""
 
-    Args:
-        problems: instances whose chunk is complete.
-        solved: those with a solution.
-        solves: attempts to solve them.
-        failures: attempts without a verified solution.
-        fallbacks: attempts that went to the second solver.
-        iterations: of all attempts.
-    """
-
-    problems: int
-    solved: int
-    solves: int
-    failures: int
-    fallbacks: int
-    iterations: int
+    problems: int  # instances whose chunk is complete
+    solved: int  # those with a solution
+    solves: int  # attempts to solve them
+    failures: int  # attempts without a verified solution
+    fallbacks: int  # attempts that went to the second solver
+    iterations: int  # of all attempts
 
     @classmethod
     def of(cls, database: Database) -> Totals:

@@ -16,50 +16,30 @@ Settings = dict[str, Scalar]
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingComparison(Record):
-    """All trained models of a problem: ``compare_training_<env>.json``.
+    """All trained models of a problem: ``compare_training_<env>.json``."""
 
-    Args:
-        settings: of the training.
-        whole: settings of the planners that were trained on all instances, by name.
-        rows: the models of the benchmark.
-        ablation: single networks with other hidden layers.
-        sizes: models from fewer training instances.
-        clusters: sizes of the clusters by partition, in older files.
-        discontinuity: the case of its figure, in older files.
-        figures: what the figures show.
-        env_id: id of the problem.
-        training_key: of the training database.
-        seconds: duration of the run.
-        provenance: of the record.
-    """
-
-    settings: Settings | Absent = ABSENT
+    settings: Settings | Absent = ABSENT  # of the training
+    #: settings of the planners that were trained on all instances, by name
     whole: dict[str, Settings] | Absent = renamed("settings_on_all_problems", ABSENT)
-    rows: tuple[TrainingRow, ...]
-    ablation: tuple[TrainingRow, ...]
-    sizes: tuple[TrainingRow, ...]
-    clusters: dict[str, tuple[int, ...]] | Absent = ABSENT
-    discontinuity: DiscontinuityCase | Absent = renamed("jump", ABSENT)
-    figures: Details | Absent = ABSENT
-    env_id: str
-    training_key: str | Absent = ABSENT
-    seconds: float
-    provenance: Provenance
+    rows: tuple[TrainingRow, ...]  # the models of the benchmark
+    ablation: tuple[TrainingRow, ...]  # single networks with other hidden layers
+    sizes: tuple[TrainingRow, ...]  # models from fewer training instances
+    clusters: dict[str, tuple[int, ...]] | Absent = ABSENT  # sizes of the clusters by partition, in older files
+    discontinuity: DiscontinuityCase | Absent = renamed("jump", ABSENT)  # the case of its figure, in older files
+    figures: Details | Absent = ABSENT  # what the figures show
+    env_id: str  # id of the problem
+    training_key: str | Absent = ABSENT  # of the training database
+    seconds: float  # duration of the run
+    provenance: Provenance  # of the record
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingTable(Record):
-    """The paper's table of ways to train, ours next to the paper's: ``table_training.json``.
+    """The paper's table of ways to train, ours next to the paper's: ``table_training.json``."""
 
-    Args:
-        quick: whether it is made from few instances.
-        rows: one for each model.
-        provenance: of the record.
-    """
-
-    quick: bool
-    rows: tuple[TrainingRow, ...]
-    provenance: Provenance
+    quick: bool  # whether it is made from few instances
+    rows: tuple[TrainingRow, ...]  # one for each model
+    provenance: Provenance  # of the record
 
 
 def _median(spread: Range) -> str:

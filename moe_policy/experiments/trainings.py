@@ -48,20 +48,13 @@ def _hash(text: str) -> str:
 
 @dataclass(frozen=True)
 class Run:
-    """One training.
+    """One training."""
 
-    Args:
-        name: of the recipe.
-        seed: of the training.
-        samples: number of training instances.
-        settings: of the training.
-        hidden: widths of the hidden layers of a single network; ``None`` for those of the recipe.
-    """
-
-    name: str
-    seed: int
-    samples: int
-    settings: TrainingSettings
+    name: str  # of the recipe
+    seed: int  # of the training
+    samples: int  # number of training instances
+    settings: TrainingSettings  # of the training
+    #: widths of the hidden layers of a single network; ``None`` for those of the recipe
     hidden: tuple[int, ...] | None = None
 
     def key(self, data: str) -> str:
@@ -73,15 +66,10 @@ class Run:
 
 @dataclass(frozen=True)
 class Folders:
-    """Where the databases of a problem are, and where its models and their records are written.
+    """Where the databases of a problem are, and where its models and their records are written."""
 
-    Args:
-        data: folder of the databases.
-        work: folder of models, records and unfinished trainings.
-    """
-
-    data: Path
-    work: Path
+    data: Path  # folder of the databases
+    work: Path  # folder of models, records and unfinished trainings
 
     def model(self, key: str) -> Path:
         """Path of the model of a run."""

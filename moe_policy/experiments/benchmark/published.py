@@ -14,24 +14,15 @@ from moe_policy.learning.architectures import Hidden
 
 @dataclass(frozen=True, kw_only=True)
 class Published:
-    """The paper's values of a planner, ``None`` where it gives none.
+    """The paper's values of a planner, ``None`` where it gives none."""
 
-    Args:
-        validation_error: smooth L1 loss in the units of the trajectory, on the validation set.
-        success: number of successful rollouts.
-        violation: mean violation of the path constraint at the knots, metres.
-        test_error: loss of a single network on the test split.
-        cluster_sizes: minimum and maximum number of samples in a cluster of a mixture.
-        gate_accuracy: of a mixture, on the test split.
-        expert_test_error: loss on the test split, mean and standard deviation over the experts.
-    """
-
-    validation_error: float | None = None
-    success: int | None = None
-    violation: float | None = None
-    test_error: float | None = None
-    cluster_sizes: tuple[int, int] | None = None
-    gate_accuracy: float | None = None
+    validation_error: float | None = None  # smooth L1 loss in the units of the trajectory, on the validation set
+    success: int | None = None  # number of successful rollouts
+    violation: float | None = None  # mean violation of the path constraint at the knots, metres
+    test_error: float | None = None  # loss of a single network on the test split
+    cluster_sizes: tuple[int, int] | None = None  # minimum and maximum number of samples in a cluster of a mixture
+    gate_accuracy: float | None = None  # of a mixture, on the test split
+    #: loss on the test split, mean and standard deviation over the experts
     expert_test_error: tuple[float, float] | None = None
 
 

@@ -29,39 +29,25 @@ _MARKERS = "sDv^Po"
 
 @dataclass(frozen=True, kw_only=True)
 class Metric:
-    """A row of the figure.
+    """A row of the figure."""
 
-    Args:
-        title: of the axis.
-        of: its value in metrics on the development set.
-        along: its values along a training curve.
-        over_seeds: of a planner, on the validation set; ``None`` for a metric that is not measured there.
-        factor: from its unit in the record to that of the axis.
-        scale: sets the limits or the scale of the axis.
-    """
-
-    title: str
-    of: Callable[[DevelopmentMetrics], float | None]
-    along: Callable[[Curve], Sequence[float | None]]
+    title: str  # of the axis
+    of: Callable[[DevelopmentMetrics], float | None]  # its value in metrics on the development set
+    along: Callable[[Curve], Sequence[float | None]]  # its values along a training curve
+    #: of a planner, on the validation set; ``None`` for a metric that is not measured there
     over_seeds: Callable[[PlannerRow], Spread | None] | None = None
-    factor: float = 1.0
-    scale: Callable[[Axes], object] = lambda axes: None
+    factor: float = 1.0  # from its unit in the record to that of the axis
+    scale: Callable[[Axes], object] = lambda axes: None  # sets the limits or the scale of the axis
 
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """A column of the figure.
+    """A column of the figure."""
 
-    Args:
-        title: of the axis.
-        along: of the evaluations of a training curve.
-        of_actor: of the shipped actor of a learner; ``None`` where it is not known.
-        of_planner: from the lower to the higher count; ``None`` where it is not known.
-    """
-
-    title: str
-    along: Callable[[Curve], Sequence[float]]
-    of_actor: Callable[[ChosenActor], float | None]
+    title: str  # of the axis
+    along: Callable[[Curve], Sequence[float]]  # of the evaluations of a training curve
+    of_actor: Callable[[ChosenActor], float | None]  # of the shipped actor of a learner; ``None`` where it is not known
+    #: from the lower to the higher count; ``None`` where it is not known
     of_planner: Callable[[PlannerBudget], tuple[float, float] | None]
 
 

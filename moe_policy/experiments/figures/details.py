@@ -12,78 +12,52 @@ Numbers = tuple[float, ...]
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes(Record):
-    """Numbers of samples in the clusters that are drawn.
+    """Numbers of samples in the clusters that are drawn."""
 
-    Args:
-        sizes: one for each cluster.
-    """
-
-    sizes: tuple[int, ...]
+    sizes: tuple[int, ...]  # one for each cluster
 
 
 @dataclass(frozen=True, kw_only=True)
 class PartitionSizes(Record):
-    """Numbers of samples in the clusters of several partitions.
+    """Numbers of samples in the clusters of several partitions."""
 
-    Args:
-        sizes: one for each cluster, by the name of the partition.
-    """
-
-    sizes: dict[str, tuple[int, ...]]
+    sizes: dict[str, tuple[int, ...]]  # one for each cluster, by the name of the partition
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case(Record):
-    """One instance.
+    """One instance."""
 
-    Args:
-        parameters: its p, (np,).
-    """
-
-    parameters: Numbers
+    parameters: Numbers  # its p, (np,)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiscontinuityCase(Record):
-    """An instance at which two solution families have nearly equal costs.
+    """An instance at which two solution families have nearly equal costs."""
 
-    Args:
-        parameters: its p, (np,).
-        cost_difference: relative cost of the second family, J₂ / J₁ − 1.
-    """
-
-    parameters: Numbers
+    parameters: Numbers  # its p, (np,)
+    #: relative cost of the second family, J₂ / J₁ − 1
     cost_difference: float = renamed("relative_cost_of_the_second_mode")
 
 
 @dataclass(frozen=True, kw_only=True)
 class RiseCase(Record):
-    """Instances with rising initial positions, along which the optimum changes sides.
+    """Instances with rising initial positions, along which the optimum changes sides."""
 
-    Args:
-        parameters: their p, (K, np).
-        costs_from_below: of the family of the first instance, followed upwards; ``None`` where it ends.
-        costs_from_above: of the family of the last instance, followed downwards.
-        between: heights between which the optimum changes, metres.
-        violations: of the path constraint by the plans of each planner, metres, (K,) each.
-    """
-
-    parameters: tuple[Numbers, ...]
+    parameters: tuple[Numbers, ...]  # their p, (K, np)
+    #: of the family of the first instance, followed upwards; ``None`` where it ends
     costs_from_below: tuple[float | None, ...]
-    costs_from_above: tuple[float | None, ...]
-    between: Numbers = renamed("flip_between")
+    costs_from_above: tuple[float | None, ...]  # of the family of the last instance, followed downwards
+    between: Numbers = renamed("flip_between")  # heights between which the optimum changes, metres
+    #: of the path constraint by the plans of each planner, metres, (K,) each
     violations: dict[str, tuple[float | None, ...]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeanViolations(Record):
-    """Mean violations of the path constraint.
+    """Mean violations of the path constraint."""
 
-    Args:
-        mean: by planner, metres.
-    """
-
-    mean: dict[str, float]
+    mean: dict[str, float]  # by planner, metres
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,22 +75,12 @@ class Details(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Figure(Record):
-    """A figure of the paper that was drawn again: ``figure_<name>.json``.
+    """A figure of the paper that was drawn again: ``figure_<name>.json``."""
 
-    Args:
-        quick: whether it is drawn from few instances.
-        details: what it shows; absent where there is nothing to say.
-        env_id: id of the problem; absent for a sketch, as the rest.
-        training: number of training instances.
-        validation: number of validation instances.
-        models: training seed of each network by name.
-        provenance: of the record.
-    """
-
-    quick: bool
-    details: dict[str, object] | Absent = ABSENT
-    env_id: str | Absent = ABSENT
-    training: int | Absent = renamed("training_problems", ABSENT)
-    validation: int | Absent = renamed("validation_problems", ABSENT)
-    models: dict[str, int] | Absent = ABSENT
-    provenance: Provenance
+    quick: bool  # whether it is drawn from few instances
+    details: dict[str, object] | Absent = ABSENT  # what it shows; absent where there is nothing to say
+    env_id: str | Absent = ABSENT  # id of the problem; absent for a sketch, as the rest
+    training: int | Absent = renamed("training_problems", ABSENT)  # number of training instances
+    validation: int | Absent = renamed("validation_problems", ABSENT)  # number of validation instances
+    models: dict[str, int] | Absent = ABSENT  # training seed of each network by name
+    provenance: Provenance  # of the record

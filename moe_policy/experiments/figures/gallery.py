@@ -45,17 +45,11 @@ Draw = Callable[[Material, Path], Record | None]
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure.
+    """A figure."""
 
-    Args:
-        draw: draws it.
-        shows: what it shows.
-        paper: number of the paper's figure of that kind, if there is one.
-    """
-
-    draw: Draw
-    shows: str
-    paper: int | None = None
+    draw: Draw  # draws it
+    shows: str  # what it shows
+    paper: int | None = None  # number of the paper's figure of that kind, if there is one
 
 
 def _jump(material: Material, path: Path) -> DiscontinuityCase:

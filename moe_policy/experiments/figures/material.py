@@ -18,18 +18,12 @@ from ocp_envs.support.arrays import Array
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """What figures are drawn from.
+    """What figures are drawn from."""
 
-    Args:
-        training: solved training instances.
-        validation: solved validation instances.
-        planners: trained networks by name.
-        partitions: numbers of clusters of the k-means partitions that are shown next to the solution families.
-    """
-
-    training: Samples
-    validation: Samples
-    planners: Mapping[str, NetworkPlanner]
+    training: Samples  # solved training instances
+    validation: Samples  # solved validation instances
+    planners: Mapping[str, NetworkPlanner]  # trained networks by name
+    #: numbers of clusters of the k-means partitions that are shown next to the solution families
     partitions: tuple[int, ...] = ()
 
     @property

@@ -91,16 +91,11 @@ def _draw_line(axes: Axes, rows: Sequence[LevelRow], values: Sequence[float], co
 
 @dataclass(frozen=True)
 class Metric:
-    """What the panels show.
+    """What the panels show."""
 
-    Args:
-        title: of the axis.
-        limits: of the axis.
-        draw: draws one method into axes, from its rows for one perturbation, in a colour.
-    """
-
-    title: str
-    limits: tuple[float, float | None]
+    title: str  # of the axis
+    limits: tuple[float, float | None]  # of the axis
+    #: draws one method into axes, from its rows for one perturbation, in a colour
     draw: Callable[[Axes, Sequence[LevelRow], str], None]
 
 
