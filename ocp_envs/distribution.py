@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -30,8 +30,8 @@ class Distribution(ABC):
         """Refuse a problem that the distribution does not fit, with a ``ValueError``."""
 
     @abstractmethod
-    def draw(self, problem: OptimalControlProblem, rng: np.random.Generator) -> Array:
-        """One parameter of ``problem`` for a reset of its environment, (np,), drawn from ``rng``."""
+    def draw(self, problem: OptimalControlProblem, generators: Sequence[np.random.Generator]) -> Array:
+        """Parameters of ``problem`` for resets of its environment, (B, np), one drawn from each of ``generators``."""
 
     @property
     @abstractmethod
@@ -50,8 +50,11 @@ class Uniform(Distribution):
     def check(self, problem: OptimalControlProblem) -> None:
         """Fits every problem."""
 
-    def draw(self, problem: OptimalControlProblem, rng: np.random.Generator) -> Array:
-        return problem.parameters.draw(rng, 1)[0]
+    def draw(self, problem: OptimalControlProblem, generators: Sequence[np.random.Generator]) -> Array:
+        box, numbers = problem.parameters, np.empty((len(generators), len(problem.parameters)))
+        for generator, row in zip(generators, numbers):
+            generator.random(out=row)
+        return box.lower + numbers * box.width
 
     @property
     def text(self) -> str:
@@ -99,14 +102,14 @@ class Blocked(Distribution):
                 f"{list(problem.context.names)}, got {self.radius!r}"
             )
 
-    def draw(self, problem: OptimalControlProblem, rng: np.random.Generator) -> Array:
-        """One row of the parameters of ``problem`` that the package carries, (np,), chosen by ``rng``.
+    def draw(self, problem: OptimalControlProblem, generators: Sequence[np.random.Generator]) -> Array:
+        """Rows (B, np) of the parameters of ``problem`` that the package carries, one chosen by each of ``generators``.
 
         Raises:
             TableError: the package carries none for ``problem``.
         """
         rows = tables.starts(problem)
-        return np.array(rows[rng.integers(len(rows))])
+        return np.array(rows[[generator.integers(len(rows)) for generator in generators]])
 
     @property
     def text(self) -> str:

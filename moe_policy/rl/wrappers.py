@@ -217,7 +217,7 @@ class VectorNearStarts(VectorWrapper[Float32, Array, Float32, Array, Array]):
     def _draw(self) -> Array:
         """Parameters of one episode for each environment, (num_envs, np)."""
         problem, count, box = self._base.problem, self.num_envs, self._base.problem.parameters
-        p = np.array([self._base.options.draw_parameters(self._rng) for _ in range(count)])
+        p = self._base.options.draw_parameters([self._rng] * count)
         resting = problem.parameters_of(np.tile(problem.goal.state, (count, 1)), problem.start(p)[1])
         goal = np.clip(resting, box.lower, box.upper)
         factor = np.where(self._rng.random(count) < self._fraction, self._rng.random(count), 1.0)

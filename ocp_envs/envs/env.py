@@ -20,7 +20,7 @@ from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unkn
 from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Plant
-from ocp_envs.envs.resets import Reset
+from ocp_envs.envs.resets import given_parameters
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.trajectory import Trajectory
@@ -156,22 +156,19 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         return self._observed.copy()
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[NDArray[np.float32], Info]:
-        """Begin an episode.
+        """Begin an episode and return the observation and ``info``.
 
         Args:
             seed: restarts the environment's random generator.
             options: ``parameters`` (np,) and ``extrapolate``; see the class.
-
-        Returns:
-            The observation and ``info``.
 
         Raises:
             ValueError: an unknown option, or parameters of another shape, not finite, or outside the box without
                 ``extrapolate``.
         """
         super().reset(seed=seed)
-        p = Reset.of_one(self.problem, options).parameters
-        self._plant.begin(_ROW, self.options.draw_parameters(self.np_random)[None] if p is None else p)
+        p = given_parameters(self.problem, options or {}, 1)
+        self._plant.begin(_ROW, self.options.draw_parameters([self.np_random]) if p is None else p)
         self._observed[self.problem.system.nx :] = self._plant.step.context
         self._steps = 0
         self._over = False
@@ -180,10 +177,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         return self._observation(), {"parameters": self.parameters}
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
-        """Advance the episode by one control step.
-
-        Args:
-            action: the control, (nu,), clipped to its bounds.
+        """Advance the episode by one control step under ``action``, the control (nu,), clipped to its bounds.
 
         Returns:
             Observation, reward, terminated, truncated, ``info``.
@@ -220,10 +214,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         return self._observation(), -cost, terminated, truncated, info
 
     def show_plan(self, plan: Trajectory) -> None:
-        """Show a plan in the pictures of this episode; call it after :meth:`reset`.
-
-        Args:
-            plan: a batch of one.
+        """Show ``plan``, a batch of one, in the pictures of this episode; call it after :meth:`reset`.
 
         Raises:
             ValueError: another number of plans.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import inspect
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from types import MappingProxyType
@@ -32,24 +32,12 @@ def _plant(problem: OptimalControlProblem, constants: tuple[tuple[str, float], .
 
 
 def problem_of(problem: OptimalControlProblem | str) -> OptimalControlProblem:
-    """``problem`` itself, or the problem of that name.
-
-    Raises:
-        UnknownProblemError: no problem of that name.
-    """
+    """``problem`` itself, or the problem of that name; raises an ``UnknownProblemError`` if there is none."""
     return load(problem) if isinstance(problem, str) else problem
 
 
 def refuse_unknown(environment: type, unknown: Mapping[str, object]) -> None:
-    """Refuse keyword arguments that an environment does not have.
-
-    Args:
-        environment: the class of the environment.
-        unknown: keyword arguments that are not in its signature.
-
-    Raises:
-        TypeError: there are any; the message names the nearest one and all that are accepted.
-    """
+    """Refuse keyword arguments ``unknown`` to the signature of the class ``environment`` with a ``TypeError``."""
     for name in unknown:
         parameters = inspect.signature(environment).parameters.values()
         accepted = [parameter.name for parameter in parameters if parameter.kind is not parameter.VAR_KEYWORD]
@@ -59,18 +47,9 @@ def refuse_unknown(environment: type, unknown: Mapping[str, object]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """The options of an environment; :class:`~ocp_envs.envs.env.Env` documents them.
-
-    Args:
-        problem: the nominal problem.
-        dt: length of a control step, s.
-        terminate_at_goal: whether an episode ends in the goal ball.
-        time_limit: seconds until truncation; the problem's own by default.
-        constants: physical constants of the plant that differ from the problem's, by name; kept as a mapping.
-        disturbance: standard deviation of the term added to ẋ, a number or (nx,); kept as (nx,).
-        observation_noise: standard deviation of the noise on the observed state, a number or (nx,); kept as (nx,).
-        delay: control steps by which the control acts late.
-        render_mode: ``None`` or one of :data:`RENDER_MODES`.
+    """The options of an environment: ``problem``, ``dt``, ``terminate_at_goal``, ``time_limit``, ``constants``,
+    ``disturbance``, ``observation_noise``, ``delay`` and ``render_mode``, as :class:`~ocp_envs.envs.env.Env` documents
+    them. Kept are a number for ``time_limit``, a mapping for ``constants`` and (nx,) for both standard deviations.
 
     Raises:
         ValueError: an option out of its range; the message names it.
@@ -163,23 +142,19 @@ class Options:
         return gym.spaces.Box(box.lower.astype(np.float32), box.upper.astype(np.float32), dtype=np.float32)
 
     def charge(self, steps: int | Ints) -> Any:
-        """Cost charged for leaving the operating box; nothing that an episode could do in the time left costs more.
+        """Cost charged for leaving the operating box after ``steps`` completed control steps, an integer or an array.
 
-        Args:
-            steps: control steps completed before the one that left it; an integer or an array.
+        Nothing that an episode could do in the time left costs more.
         """
         return largest_cost_rate(self.problem) * self.dt * (self.max_steps - steps)
 
-    def draw_parameters(self, generator: np.random.Generator) -> Array:
-        """Draw p, (np,), from the distribution of the problem.
-
-        Args:
-            generator: source of the random numbers.
+    def draw_parameters(self, generators: Sequence[np.random.Generator]) -> Array:
+        """Parameters (B, np) from the distribution of the problem, one from each of B ``generators``.
 
         Raises:
             TableError: there is no table.
         """
-        return self.problem.distribution.draw(self.problem, generator)
+        return self.problem.distribution.draw(self.problem, generators)
 
 
 def _restore(problem: OptimalControlProblem | str, *values: Any) -> Options:

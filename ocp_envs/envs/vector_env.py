@@ -17,7 +17,7 @@ from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unkn
 from ocp_envs.envs.outcome import Info, Outcome
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Plant
-from ocp_envs.envs.resets import Reset
+from ocp_envs.envs.resets import MASK, NAMES, due_rows, given_parameters
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.trajectory import Trajectory
@@ -38,12 +38,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             action, with reward 0. ``SAME_STEP``: it is reset at once; ``info`` has ``final_obs`` and ``final_info``.
             ``DISABLED``: the row stands still, with reward 0 and its end still flagged, until it is reset.
         dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode: as in
-            :class:`~ocp_envs.envs.env.Env`.
-
-    Raises:
-        TypeError: an argument that is not in this list.
-        ValueError: an argument out of its range.
-        UnknownProblemError: no problem of that name.
+            :class:`~ocp_envs.envs.env.Env`; so are the errors.
     """
 
     metadata: ClassVar[Info] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
@@ -112,31 +107,29 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """p of the present episodes, (num_envs, np)."""
         return self._plant.parameters.copy()
 
-    # -- beginning -------------------------------------------------------------------------------------------------
-
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Info | None = None
     ) -> tuple[NDArray[np.float32], Info]:
-        """Begin episodes.
+        """Begin episodes and return the observations and ``info``.
 
         Args:
             seed: an integer s seeds row i with s + i; a sequence gives each row its own.
             options: ``parameters``, ``extrapolate`` and ``reset_mask``; see the class.
 
-        Returns:
-            The observations and ``info``.
-
         Raises:
+            ResetNeeded: a first reset with a ``reset_mask`` that leaves rows out.
             ValueError: an unknown option, or parameters of another shape, not finite, or outside the box without
                 ``extrapolate``.
         """
-        due = Reset.of_many(self.problem, options, self.num_envs)
-        if not self._begun and len(due.rows) < self.num_envs:
+        options = options or {}
+        p = given_parameters(self.problem, options, self.num_envs, (*NAMES, MASK))
+        rows = due_rows(self.problem, options, self.num_envs)
+        if not self._begun and len(rows) < self.num_envs:
             raise ResetNeeded("the first reset must begin all rows; call reset() without a reset_mask")
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
-        self._generators.seed(seed, due.rows)
-        info = self._begin(due.rows, due.parameters)
+        self._generators.seed(seed, rows)
+        info = self._begin(rows, None if p is None else p[rows])
         self._begun = True
         self._pictures.update()
         return self._observed.copy(), info
@@ -144,7 +137,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _begin(self, rows: Ints, parameters: Array | None = None) -> Info:
         """Begin episodes in ``rows`` with ``parameters`` (len(rows), np), drawn if not given; their ``info``."""
         if parameters is None:
-            parameters = np.array([self.options.draw_parameters(self._generators[row]) for row in rows])
+            parameters = self.options.draw_parameters([self._generators[row] for row in rows])
         step = self._plant.step
         self._plant.begin(rows, parameters)
         self._observed[rows, self.problem.system.nx :] = step.context[rows]
@@ -156,8 +149,6 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         begun = np.zeros(self.num_envs, dtype=np.bool_)
         begun[rows] = True
         return {"parameters": np.where(begun[:, None], self._plant.parameters, 0.0), "_parameters": begun}
-
-    # -- running ---------------------------------------------------------------------------------------------------
 
     def _observe(self, rows: Ints) -> None:
         """Observe the states of ``rows``."""
@@ -172,8 +163,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, Bools, Bools, Info]:
         """Advance the episodes by one control step; rows whose episode is over stand still.
 
-        Args:
-            actions: the controls, (num_envs, nu), clipped to their bounds.
+        ``actions`` are the controls, (num_envs, nu), clipped to their bounds.
 
         Returns:
             Observations, rewards, terminated, truncated, each of ``num_envs`` rows, and ``info``.
@@ -221,10 +211,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return Outcome(reached, cost, step.violation.copy() if self.problem.n_clearances else None, left_box)
 
     def show_plan(self, plans: Trajectory) -> None:
-        """Show plans in the pictures of the present episodes; call it after :meth:`reset`.
-
-        Args:
-            plans: one for each row.
+        """Show ``plans``, one for each row, in the pictures of the present episodes; call it after :meth:`reset`.
 
         Raises:
             ValueError: another number of plans.

@@ -7,7 +7,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from ocp_envs.envs.env import Env
-from ocp_envs.envs.resets import Reset
+from ocp_envs.envs.resets import due_rows
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
@@ -60,11 +60,11 @@ def test_refuses_bad_options_of_many_episodes(options, error, match):
 def test_a_mask_selects_the_rows_and_their_parameters():
     p = np.array([[0.1, 0.0], [0.2, 0.0], [0.3, 0.0]])
     mask = np.array([True, False, True])
-    chosen = Reset.of_many(PENDULUM, {"parameters": p, "reset_mask": mask}, 3)
-    np.testing.assert_array_equal(chosen.rows, [0, 2])
-    np.testing.assert_array_equal(chosen.parameters, p[[0, 2]])
-    same = Reset.of_many(PENDULUM, {"parameters": p[1], "reset_mask": mask}, 3)
-    np.testing.assert_array_equal(same.parameters, p[[1, 1]])
-    everything = Reset.of_many(PENDULUM, None, 3)
-    np.testing.assert_array_equal(everything.rows, [0, 1, 2])
-    assert everything.parameters is None
+    envs = VectorEnv(PENDULUM, 3)
+    envs.reset(options={"parameters": p})
+    envs.reset(options={"parameters": p + 0.1, "reset_mask": mask})
+    np.testing.assert_array_equal(envs.parameters, p + 0.1 * mask[:, None])
+    envs.reset(options={"parameters": p[1], "reset_mask": mask})
+    np.testing.assert_array_equal(envs.parameters, [p[1], p[1], p[1]])
+    np.testing.assert_array_equal(due_rows(PENDULUM, {"reset_mask": mask}, 3), [0, 2])
+    np.testing.assert_array_equal(due_rows(PENDULUM, {}, 3), [0, 1, 2])
