@@ -39,29 +39,14 @@ class ModelFileError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """What was read.
-
-    Args:
-        path: of the pair of files, without a suffix.
-        tensors: arrays by name.
-        description: the contents of the JSON file.
-    """
+    """What was read at ``path`` (without a suffix): the ``tensors`` by name and the JSON ``description``."""
 
     path: Path
     tensors: Tensors
     description: Json
 
-    @property
-    def problem_id(self) -> str:
-        """The id of the problem that the model is for."""
-        return str(self.description.get("problem"))
-
     def check_problem(self, problem: OptimalControlProblem) -> None:
-        """Check that the model was made for ``problem`` as it is now.
-
-        Raises:
-            ModelFileError: it was not.
-        """
+        """Check that the model was made for ``problem`` as it is now, else raise a ModelFileError."""
         found = self.description.get("problem"), self.description.get("fingerprint")
         if found != (problem.id, problem.fingerprint):
             raise ModelFileError(
@@ -117,10 +102,7 @@ def write_model(
 
 
 def read_model(path: str | os.PathLike[str]) -> ModelFile:
-    """Read a pair of files, and check that they are whole and belong together.
-
-    Args:
-        path: with or without one of the two suffixes.
+    """Read the pair of files at ``path``, with or without a suffix, and check that they belong together.
 
     Raises:
         ModelFileError: a file is missing, truncated, damaged or foreign.

@@ -33,16 +33,13 @@ class Policy(Protocol):
         episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[Any, Any]:
-        """The controls of one control step.
+        """The controls of one control step, and the recurrent state for the next call.
 
         Args:
             observation: one observation, or a batch of B.
             state: the recurrent state that the last call returned; ``None`` at first.
             episode_start: whether each episode of the batch starts now, (B,).
             deterministic: whether the policy's mean control is taken rather than a random one.
-
-        Returns:
-            Controls, and the recurrent state for the next call.
         """
         ...
 
@@ -73,17 +70,9 @@ class PlanningPolicy(Policy, Protocol):
     """
 
     def start(self, parameters: Array) -> Any:
-        """The recurrent state at the beginning of episodes.
-
-        Args:
-            parameters: of the episodes, (B, np).
-        """
+        """The recurrent state at the beginning of episodes with ``parameters`` (B, np)."""
         ...
 
     def schedule(self, state: Any) -> Schedule:
-        """The schedule of episodes.
-
-        Args:
-            state: the recurrent state at their beginning, from :meth:`start`.
-        """
+        """The schedule of episodes with the recurrent ``state`` of :meth:`start`."""
         ...

@@ -94,14 +94,7 @@ def _expect(model: Model, kind: type[M], name: object) -> M:
 
 
 def available(problem: ProblemOrId) -> list[str]:
-    """Names that :func:`load` knows, in alphabetical order.
-
-    Args:
-        problem: a problem or the id of a registered one.
-
-    Raises:
-        UnknownProblemError: no such problem.
-    """
+    """Names that :func:`load` knows for ``problem``, or for the registered one of that id, in alphabetical order."""
     problem = _resolved(problem)
     shipped = {path.name.removesuffix(".json") for path in (SHIPPED / problem.id).glob("*.json")}
     # Where the goal cannot be held there is no controller that stabilises it.
@@ -134,15 +127,7 @@ def load(problem: ProblemOrId, name: str, *, kind: type[M] | None = None) -> Mod
 
 
 def load_planner(problem: ProblemOrId, name: str) -> PlannerModel:
-    """A shipped planner: :func:`load` with the types of planners alone.
-
-    Args:
-        problem: a problem or the id of a registered one.
-        name: one of :func:`available`.
-
-    Raises:
-        TypeError: ``name`` is a policy.
-    """
+    """:func:`load` with the types of planners alone; TypeError where ``name`` is a policy of ``problem``."""
     model = load(problem, name)
     if isinstance(model, Policy):
         raise TypeError(f"{name} is a policy, expected a planner; use load_policy")
@@ -150,15 +135,7 @@ def load_planner(problem: ProblemOrId, name: str) -> PlannerModel:
 
 
 def load_policy(problem: ProblemOrId, name: str) -> PolicyModel:
-    """A shipped policy: :func:`load` with the types of policies alone.
-
-    Args:
-        problem: a problem or the id of a registered one.
-        name: one of :func:`available`.
-
-    Raises:
-        TypeError: ``name`` is a planner.
-    """
+    """:func:`load` with the types of policies alone; TypeError where ``name`` is a planner of ``problem``."""
     model = load(problem, name)
     if not isinstance(model, Policy):
         raise TypeError(f"{name} is a planner, expected a policy; use load_planner")
@@ -183,7 +160,7 @@ def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[
         TypeError: the model is of another class than ``kind``.
     """
     file = read_model(path)
-    problem = _resolved(file.problem_id if problem is None else problem)
+    problem = _resolved(str(file.description.get("problem")) if problem is None else problem)
     reader = READERS.get(str(file.description.get("kind")))
     if reader is None:
         raise ModelFileError(f"{file.path}: unknown kind {file.description.get('kind')!r}; known are {sorted(READERS)}")
@@ -196,11 +173,7 @@ def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[
 
 
 def shipped_nearest(problem: ProblemOrId) -> NearestPlanner | None:
-    """The shipped optimal trajectories as a planner, for warm starts; ``None`` where there are none.
-
-    Args:
-        problem: a problem or the id of a registered one.
-    """
+    """The shipped optimal trajectories of ``problem`` as a planner, for warm starts; ``None`` where there are none."""
     from moe_policy.planners.nearest import NearestPlanner
 
     return load(problem, "nearest", kind=NearestPlanner) if "nearest" in available(problem) else None

@@ -16,12 +16,7 @@ Hidden = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Experts:
-    """Hidden layers of the experts of a mixture.
-
-    Args:
-        small: of the expert of a cluster with at most the average number of samples.
-        large: of the expert of a larger cluster.
-    """
+    """Hidden layers of a mixture's experts: ``small`` up to the average size of a cluster, ``large`` above it."""
 
     small: Hidden
     large: Hidden
@@ -51,12 +46,8 @@ class Architecture:
             raise ValueError(f"hidden layers must have at least one unit, got {parts}")
 
     def expert(self, size: int, average: float, method: str) -> Hidden:
-        """Hidden layers of the expert of one cluster.
-
-        Args:
-            size: number of samples in the cluster.
-            average: mean number of samples over all clusters.
-            method: how the clusters were found.
+        """Hidden layers for a cluster of ``size`` samples, found by ``method``, where clusters have ``average``
+        samples.
         """
         experts = self.kmeans_experts if self.kmeans_experts and method.startswith("kmeans") else self.experts
         return experts.large if size > average else experts.small
@@ -87,11 +78,7 @@ def architecture_of(problem: OptimalControlProblem) -> Architecture:
 
 
 def layer_sizes(problem: OptimalControlProblem, hidden: Hidden, outputs: int | None = None) -> tuple[int, ...]:
-    """All layer sizes of a network, input and output included.
-
-    Args:
-        problem: its parameters are the inputs.
-        hidden: sizes of the hidden layers.
-        outputs: number of logits; by default the outputs are a flat trajectory.
+    """All layer sizes of a network from parameters of ``problem`` through ``hidden`` layers to ``outputs`` logits, by
+    default to a flat trajectory.
     """
     return (len(problem.parameters), *hidden, problem.flat_size if outputs is None else outputs)

@@ -25,12 +25,7 @@ class CheckpointError(ValueError):
 
 
 def identify(*facts: object, tensors: Sequence[Tensor] = ()) -> str:
-    """A hash of what a training depends on.
-
-    Args:
-        facts: values whose ``repr`` tells them apart.
-        tensors: arrays that are hashed byte by byte.
-    """
+    """A hash of what a training depends on: the ``repr`` of ``facts``, and every byte of ``tensors``."""
     sha = hashlib.sha256(repr(facts).encode())
     for tensor in tensors:
         sha.update(tensor.contiguous().numpy().tobytes())
@@ -38,12 +33,8 @@ def identify(*facts: object, tensors: Sequence[Tensor] = ()) -> str:
 
 
 class Checkpoint:
-    """The file with the state of one training.
-
-    Args:
-        path: of the file.
-        identity: a hash of what the training depends on, from :func:`identify`.
-        every: seconds between two writes.
+    """The file at ``path`` with the state of the training of that ``identity``, a hash from :func:`identify`; it is due
+    to be written ``every`` so many seconds.
     """
 
     def __init__(self, path: str | os.PathLike[str], identity: str, every: float = 60.0) -> None:

@@ -15,12 +15,12 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.cluster import KMeans
 from sklearn.decomposition import PCA
 
 from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
+from ocp_envs.support.arrays import Ints, frozen_array
 from ocp_envs.support.suggestions import did_you_mean
 
 METHODS = ("custom", "kmeans", "kmeans-pca")
@@ -39,7 +39,7 @@ class Labels:
         settings: arguments of the method, for the record.
     """
 
-    values: NDArray[np.int64]
+    values: Ints
     names: tuple[str, ...]
     method: str
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -52,9 +52,7 @@ class Labels:
             raise ValueError(
                 f"labels must use each of 0 … {len(self.names) - 1}, one a name; got {np.unique(values).tolist()}"
             )
-        values = values.astype(np.int64)
-        values.flags.writeable = False
-        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "values", frozen_array(values, np.int64))
         object.__setattr__(self, "settings", MappingProxyType(dict(self.settings)))
 
     def __len__(self) -> int:
@@ -66,7 +64,7 @@ class Labels:
         return len(self.names)
 
     @property
-    def sizes(self) -> NDArray[np.int64]:
+    def sizes(self) -> Ints:
         """Number of samples of every cluster, (k,)."""
         return np.bincount(self.values, minlength=self.k)
 
@@ -136,7 +134,7 @@ def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, se
     labels = fitted.labels_
     if count > FITTED:
 
-        def nearest(rows: slice) -> NDArray[np.int64]:
+        def nearest(rows: slice) -> Ints:
             values = scaler.scale(trajectory[rows].flat())
             return np.asarray(fitted.predict(values if projection is None else projection.transform(values)))
 

@@ -10,6 +10,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from ocp_envs.support.arrays import Bools, Ints
+
 #: (inputs, wanted outputs, epoch) → mean loss of the batch.
 Loss = Callable[[Tensor, Tensor, int], Tensor]
 #: Rows on which a loss is evaluated at once.
@@ -18,27 +20,15 @@ _BLOCK = 8192
 
 @dataclass(frozen=True)
 class Split:
-    """Row numbers of the training and of the test samples.
+    """Row numbers of the ``training`` and of the ``test`` samples."""
 
-    Args:
-        training: rows of the training split, integers.
-        test: rows of the test split, integers.
-    """
-
-    training: NDArray[np.int64]
-    test: NDArray[np.int64]
+    training: Ints
+    test: Ints
 
     @classmethod
     def draw(cls, count: int, test_share: float, seed: int) -> Split:
-        """A random split, the same for every model of one seed.
-
-        Args:
-            count: number of rows, at least two.
-            test_share: fraction of the rows in the test split; each split has one row at least.
-            seed: of the random numbers.
-
-        Raises:
-            ValueError: fewer than two rows.
+        """A random split of ``count`` ≥ 2 rows, the same for every model of one ``seed``: a fraction ``test_share`` of
+        them tests, at least one row trains and one tests.
         """
         if count < 2:
             raise ValueError(f"a split into training and test needs at least two samples, got {count}")
@@ -46,7 +36,7 @@ class Split:
         test = min(max(round(test_share * count), 1), count - 1)
         return cls(np.sort(order[test:]), np.sort(order[:test]))
 
-    def within(self, rows: NDArray[np.bool_]) -> Split:
+    def within(self, rows: Bools) -> Split:
         """The split restricted to the rows of the mask ``rows``; where no test row is left, the training rows test."""
         training, test = self.training[rows[self.training]], self.test[rows[self.test]]
         return Split(training, test if len(test) else training)
@@ -63,7 +53,7 @@ class Examples:
     """
 
     x: NDArray[np.float32]
-    y: NDArray[np.float32] | NDArray[np.int64]
+    y: NDArray[np.float32] | Ints
     split: Split
 
     @property

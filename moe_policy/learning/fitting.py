@@ -58,12 +58,7 @@ class Objective:
         return identify(*facts, tensors=[self.order.get_state(), *data, *(p.detach() for p in self.parameters)])
 
     def epoch(self, optimiser: torch.optim.Optimizer, epoch: int) -> float:
-        """Take the steps of one epoch; the mean training loss on the way.
-
-        Args:
-            optimiser: what steps.
-            epoch: its number, from 0.
-        """
+        """Take the steps of ``optimiser`` in ``epoch`` (from 0); the mean training loss on the way."""
         x, y = self.examples.tensors
         training = torch.from_numpy(self.examples.split.training)
         order = training[torch.randperm(len(training), generator=self.order)]
@@ -78,11 +73,7 @@ class Objective:
 
 
 class Progress:
-    """How far the minimisation of an objective has come: its losses, its best weights, and the state it continues from.
-
-    Args:
-        objective: what is minimised.
-    """
+    """How far the minimisation of ``objective`` has come: its losses, its best weights, the state to continue from."""
 
     #: What is stored in a checkpoint as it is.
     _PLAIN = ("best_epoch", "best", "training_losses", "test_losses", "seconds")
@@ -109,11 +100,7 @@ class Progress:
         return impatient or self.epochs >= settings.epochs
 
     def advance(self) -> None:
-        """Do one more epoch.
-
-        Raises:
-            FloatingPointError: the loss is not finite.
-        """
+        """Do one more epoch; FloatingPointError where the loss is not finite."""
         began, epoch, objective = time.perf_counter(), self.epochs, self.objective
         self.optimiser.param_groups[0]["lr"] = objective.settings.rate(epoch)
         training = objective.epoch(self.optimiser, epoch)
@@ -174,10 +161,6 @@ def minimise(objective: Objective, checkpoint: Path | None = None, progress_bar:
         checkpoint: file of the state, written every minute and at the end; where it exists, the minimisation continues
             from it and ends with the same weights as one that was not interrupted.
         progress_bar: show a bar; by default on a terminal.
-
-    Raises:
-        CheckpointError: the file belongs to another minimisation.
-        FloatingPointError: the loss is no longer finite.
     """
     file = None if checkpoint is None else Checkpoint(checkpoint, objective.identity())
     progress = Progress(objective)

@@ -49,12 +49,10 @@ def fit_mixture_jointly(
         architecture: hidden layers; by default the problem's own.
         annealing: schedule of the softmax's ε.
         name: name of the planner.
-        checkpoints: folder for the state of this training alone: the same call continues an interrupted training from
-            there and ends with the same weights. The caller deletes it afterwards.
+        checkpoints: folder of its checkpoints, as in :func:`~moe_policy.fit_single`.
 
     Raises:
-        CheckpointError: the folder holds the state of another training.
-        FloatingPointError: the loss diverged.
+        CheckpointError, FloatingPointError: as :func:`~moe_policy.fit_single` does.
         ValueError: k below 1, or unusable samples.
     """
     if k < 1:
@@ -91,12 +89,10 @@ def retrain(
         settings: how the mixture is trained.
         seed: decides the split and the order of minibatches; that of the planner's training keeps its test split.
         name: name of the planner; by default ``moe-retrained-argmax`` or ``moe-retrained-softmax-<ε>``.
-        checkpoints: folder for the state of this training alone: the same call continues an interrupted training from
-            there and ends with the same weights. The caller deletes it afterwards.
+        checkpoints: folder of its checkpoints, as in :func:`~moe_policy.fit_single`.
 
     Raises:
-        CheckpointError: the folder holds the state of another training.
-        FloatingPointError: the loss diverged.
+        CheckpointError, FloatingPointError: as :func:`~moe_policy.fit_single` does.
         TypeError: a single network.
         ValueError: samples of another problem, or unusable ones.
     """

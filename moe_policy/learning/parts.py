@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from concurrent.futures import Executor, Future, as_completed
+from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,23 +35,12 @@ def _generator(seed: int, stream: int, purpose: int) -> torch.Generator:
 
 
 def initial_network(sizes: Sequence[int], seed: int, stream: int) -> SingleNetwork:
-    """A network with random weights.
-
-    Args:
-        sizes: layer sizes, input and output included.
-        seed: of the training.
-        stream: number of the network's random streams, each independent of the others.
-    """
+    """A network of ``sizes`` with random weights from stream number ``stream`` of the training's ``seed``."""
     return SingleNetwork(sizes, _generator(seed, stream, _WEIGHTS))
 
 
 def batch_order(seed: int, stream: int) -> torch.Generator:
-    """The source of the order of minibatches.
-
-    Args:
-        seed: of the training.
-        stream: number of the network's random streams.
-    """
+    """The source of the order of minibatches from stream number ``stream`` of the training's ``seed``."""
     return _generator(seed, stream, _ORDER)
 
 
@@ -77,17 +66,8 @@ class Part:
     seed: int
     checkpoint: Path | None = None
 
-    @property
-    def work(self) -> int:
-        """A measure of how long an epoch takes."""
-        return len(self.examples.x) * sum(self.sizes)
-
     def train(self, progress_bar: bool | None = None) -> _Trained:
-        """The trained network and its report.
-
-        Args:
-            progress_bar: show a bar; by default on a terminal.
-        """
+        """The trained network and its report; ``progress_bar`` shows a bar, by default on a terminal."""
         network = initial_network(self.sizes, self.seed, self.stream)
         gate = self.examples.classified
 
@@ -124,19 +104,14 @@ def _received(part: Part, weights: _Weights) -> SingleNetwork:
 
 
 def train_parts(parts: Sequence[Part], executor: Executor | None = None) -> list[_Trained]:
-    """The trained networks of ``parts`` and their reports, in order; the executor does not change them.
-
-    Args:
-        parts: what to train.
-        executor: any ``concurrent.futures`` executor of processes; ``None`` trains in this process.
+    """The trained networks of ``parts`` and their reports, in order. An ``executor`` of processes trains them in
+    parallel, to the same weights; by default they are trained one after the other in this process.
     """
     if executor is None:
         return [part.train() for part in parts]
     # The largest first, so that the small ones even out the load at the end.
-    order = sorted(range(len(parts)), key=lambda i: -parts[i].work)
-    futures: dict[Future[tuple[_Weights, PartReport]], int] = {}
-    for i in order:
-        futures[executor.submit(_in_worker, parts[i])] = i
+    order = sorted(range(len(parts)), key=lambda i: -len(parts[i].examples.x) * sum(parts[i].sizes))
+    futures = {executor.submit(_in_worker, parts[i]): i for i in order}
     trained: dict[int, _Trained] = {}
     for future in tqdm(as_completed(futures), total=len(parts), desc="networks", disable=None, leave=False):
         i = futures[future]

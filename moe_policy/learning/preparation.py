@@ -20,17 +20,18 @@ from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import Mixing, Network, outputs_of
 from moe_policy.planners.record import PartReport, TrainingReport
-from moe_policy.planners.scaling import Array, Standardizer, blocks
+from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support import scratch
+from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.provenance import peak_memory_gb
 
 #: Reads rows of an array that is too large to be held in double precision: rows → values (B, n).
-_Read = Callable[[NDArray[np.int64] | slice], Array]
+_Read = Callable[[Ints | slice], Array]
 
 
-def _fitted(read: _Read, rows: NDArray[np.int64]) -> Standardizer:
+def _fitted(read: _Read, rows: Ints) -> Standardizer:
     return Standardizer.fit_blocks(lambda: (read(rows[part]) for part in blocks(len(rows))))
 
 
@@ -74,7 +75,7 @@ class Prepared:
         scalers: tuple[Standardizer, Standardizer] | None = None,
         checkpoints: Path | None = None,
     ) -> Prepared:
-        """Split and scale samples.
+        """Split the samples of ``database`` at random by ``seed``, and scale them.
 
         Args:
             database: a Database or its samples.
@@ -82,18 +83,15 @@ class Prepared:
             seed: decides the split.
             scalers: of inputs and outputs; by default those of the training split.
             checkpoints: folder of this training's checkpoints, ``None`` to keep none.
-
-        Raises:
-            ValueError: fewer than two samples, or values that are not finite.
         """
         samples = samples_of(database)
         count = len(samples.parameters)
         split = Split.draw(count, settings.test_share, seed)
 
-        def parameters(rows: NDArray[np.int64] | slice) -> Array:
+        def parameters(rows: Ints | slice) -> Array:
             return samples.parameters[rows]
 
-        def flat(rows: NDArray[np.int64] | slice) -> Array:
+        def flat(rows: Ints | slice) -> Array:
             return samples.trajectory[rows].flat()
 
         inputs, outputs = scalers or (_fitted(parameters, split.training), _fitted(flat, split.training))
@@ -108,26 +106,15 @@ class Prepared:
         return Part(name, sizes, stream, examples.compact(), self.settings, self.seed, self.checkpoint(name))
 
     def regressor(self, name: str, hidden: Hidden, stream: int, split: Split | None = None) -> Part:
-        """The training of a network that predicts trajectories.
-
-        Args:
-            name: of the part.
-            hidden: sizes of its hidden layers.
-            stream: number of its random streams.
-            split: which trajectories train and test it; by default all.
+        """The training of a network ``name`` with ``hidden`` layers and the random ``stream``, to predict the
+        trajectories of ``split``, by default of all.
         """
-        examples = dataclasses.replace(self.examples, split=split or self.examples.split)
+        examples = self.examples if split is None else dataclasses.replace(self.examples, split=split)
         return self._part(name, layer_sizes(self.problem, hidden), stream, examples)
 
-    def classifier(self, name: str, hidden: Hidden, stream: int, classes: NDArray[np.int64], count: int) -> Part:
-        """The training of a network that predicts classes.
-
-        Args:
-            name: of the part.
-            hidden: sizes of its hidden layers.
-            stream: number of its random streams.
-            classes: the class of every sample, (M,) in 0 … count − 1.
-            count: number of classes.
+    def classifier(self, name: str, hidden: Hidden, stream: int, classes: Ints, count: int) -> Part:
+        """The training of a network ``name`` with ``hidden`` layers and the random ``stream``, to predict the
+        ``classes`` (M,), integers in 0 … ``count`` − 1, of all samples.
         """
         examples = dataclasses.replace(self.examples, y=np.array(classes))
         return self._part(name, layer_sizes(self.problem, hidden, count), stream, examples)
@@ -135,14 +122,8 @@ class Prepared:
     def planner(
         self, name: str, network: Network, mixing: Mixing, parts: Sequence[PartReport], **details: Any
     ) -> NetworkPlanner:
-        """The trained planner with its record.
-
-        Args:
-            name: of the planner.
-            network: with the trained weights.
-            mixing: how a mixture combines its experts.
-            parts: reports of its parts.
-            details: what else is recorded, as JSON.
+        """The planner ``name`` of a trained ``network`` with its ``mixing`` and the record of its training: reports of
+        its ``parts`` and other ``details``, as JSON.
         """
 
         def loss(x: Tensor, y: Tensor, epoch: int) -> Tensor:

@@ -56,8 +56,7 @@ def make(
         settings: how networks are trained.
         seed: of clustering and training.
         executor: trains the networks of a mixture in parallel; by default they are trained one after the other.
-        checkpoints: folder for the state of this training alone: the same call continues an interrupted training from
-            there and ends with the same weights. The caller deletes it afterwards.
+        checkpoints: folder of its checkpoints, as in :func:`~moe_policy.fit_single`.
 
     Raises:
         CheckpointError: the folder holds the state of another training.

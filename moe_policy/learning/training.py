@@ -85,12 +85,10 @@ def fit_mixture(
         name: name of the planner; by default ``moe-<method>``, with the number of clusters for k-means.
         executor: trains gate and experts in parallel, such as a :class:`ocp_envs.support.pool.WorkerPool`; the weights
             do not depend on it. By default they are trained one after the other in this process.
-        checkpoints: folder for the state of this training alone: the same call continues an interrupted training from
-            there and ends with the same weights. The caller deletes it afterwards.
+        checkpoints: folder of its checkpoints, as in :func:`fit_single`.
 
     Raises:
-        CheckpointError: the folder holds the state of another training.
-        FloatingPointError: a loss diverged.
+        CheckpointError, FloatingPointError: as :func:`fit_single` does.
         ValueError: labels of other samples, a cluster without a training sample, or unusable samples.
     """
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from moe_policy.model_files import ModelFile, Tensors, write_model
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Ints
 from ocp_envs.trajectory import Trajectory
 
 
@@ -32,16 +33,8 @@ class NearestPlanner:
         """What is stored, as samples to learn from or for warm starts."""
         return Samples.of(self.problem, self.parameters, self.trajectory, self.mode)
 
-    def neighbours(self, p: ArrayLike, k: int = 1) -> NDArray[np.int64]:
-        """Rows of the nearest stored parameters, nearest first, (B, k).
-
-        Args:
-            p: parameters (B, np) or (np,).
-            k: number of neighbours.
-
-        Raises:
-            ValueError: more neighbours than stored samples, or unusable parameters.
-        """
+    def neighbours(self, p: ArrayLike, k: int = 1) -> Ints:
+        """Rows (B, k) of the ``k`` stored parameters that are nearest to ``p`` (B, np) or (np,), nearest first."""
         if not 1 <= k <= len(self.parameters):
             raise ValueError(f"k must lie in 1 … {len(self.parameters)}, the number of stored samples; got {k}")
         checked = self.problem.check_parameters(p, extrapolate=True)
@@ -62,11 +55,7 @@ class NearestPlanner:
         return len(self.problem.parameters) + self.problem.flat_size
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write ``<path>.safetensors`` and ``<path>.json``; trajectories in float32, parameters in float64.
-
-        Args:
-            path: with or without one of the two suffixes.
-        """
+        """Write ``<path>.safetensors`` and ``<path>.json``; trajectories in float32, parameters in float64."""
         tensors: Tensors = {
             "parameters": self.parameters,
             "trajectories": self.trajectory.flat().astype(np.float32),
@@ -76,12 +65,7 @@ class NearestPlanner:
 
 
 def read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlanner:
-    """The planner that :meth:`NearestPlanner.save` wrote.
-
-    Args:
-        file: its files.
-        problem: what it plans for.
-    """
+    """The planner for ``problem`` that :meth:`NearestPlanner.save` wrote to ``file``."""
     parameters = file.tensors["parameters"]
     trajectory = problem.unflatten(file.tensors["trajectories"])
     stored = Samples.of(problem, parameters, trajectory, file.tensors["modes"])

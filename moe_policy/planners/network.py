@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from moe_policy.model_files import Json, ModelFile, write_model
 from moe_policy.planners.networks import (
     ARGMAX,
-    Argmax,
     Mixing,
     MixtureOfExperts,
     Network,
@@ -29,16 +28,8 @@ from moe_policy.planners.networks import (
 from moe_policy.planners.record import TrainingReport
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.trajectory import Trajectory
-
-
-def _mixing_record(mixing: Mixing) -> Json:
-    return {"softmax": mixing.epsilon} if isinstance(mixing, Softmax) else {"argmax": None}
-
-
-def _mixing_from(record: Json) -> Mixing:
-    return Softmax(record["softmax"]) if "softmax" in record else Argmax()
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,22 +67,15 @@ class NetworkPlanner:
                 f"networks {sorted(ends)} and scalers {(len(self.inputs), len(self.outputs))}"
             )
 
-    # -- planning --------------------------------------------------------------------------------------------------
-
     def _scaled(self, p: ArrayLike) -> torch.Tensor:
         checked = self.problem.check_parameters(p, extrapolate=True)
         return torch.from_numpy(self.inputs.scale(checked).astype(np.float32))
 
     def _trajectory(self, outputs: torch.Tensor) -> Trajectory:
-        flat = self.outputs.unscale(outputs.numpy())
-        return self.problem.unflatten(flat)
+        return self.problem.unflatten(self.outputs.unscale(outputs.numpy()))
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters ``p`` (B, np) or (np,), a batch of B or of one.
-
-        Raises:
-            ValueError: wrong shape, or a value that is not finite. Values outside the parameter box are extrapolated.
-        """
+        """Plans of parameters ``p`` (B, np) or (np,), which must be finite; outside their box they are extrapolated."""
         x = self._scaled(p)
         with torch.inference_mode():
             return self._trajectory(outputs_of(self.network, x, self.mixing))
@@ -102,34 +86,18 @@ class NetworkPlanner:
             raise TypeError(f"{self.name} is a single network and has neither gate nor experts")
         return self.network
 
-    def gate(self, p: ArrayLike) -> tuple[NDArray[np.int64], Array]:
-        """The chosen expert (B,), and the gate's probabilities softmax(c) (B, r).
-
-        Args:
-            p: parameters (B, np) or (np,).
-
-        Raises:
-            TypeError: a single network.
-        """
+    def gate(self, p: ArrayLike) -> tuple[Ints, Array]:
+        """The chosen expert (B,) of parameters ``p``, and the gate's probabilities softmax(c) (B, r)."""
         x = self._scaled(p)
         with torch.inference_mode():
             logits = self._mixture.gate(x)
             return logits.argmax(dim=1).numpy(), torch.softmax(logits.double(), dim=1).numpy()
 
     def experts(self, p: ArrayLike) -> tuple[Trajectory, ...]:
-        """The plans of every expert, r batches of B.
-
-        Args:
-            p: parameters (B, np) or (np,).
-
-        Raises:
-            TypeError: a single network.
-        """
+        """The plans of every expert for parameters ``p``, r batches of B."""
         x = self._scaled(p)
         with torch.inference_mode():
             return tuple(self._trajectory(outputs) for outputs in self._mixture.all_experts(x))
-
-    # -- size ------------------------------------------------------------------------------------------------------
 
     @property
     def parameters_total(self) -> int:
@@ -143,14 +111,8 @@ class NetworkPlanner:
             return self.parameters_total
         return count_parameters(self.network.gate) + max(count_parameters(e) for e in self.network.experts)
 
-    # -- files -----------------------------------------------------------------------------------------------------
-
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write ``<path>.safetensors`` and ``<path>.json``.
-
-        Args:
-            path: with or without one of the two suffixes.
-        """
+        """Write ``<path>.safetensors`` and ``<path>.json``."""
         network = self.network
         if isinstance(network, MixtureOfExperts):
             sizes: Json = {"gate": network.gate.sizes, "experts": [e.sizes for e in network.experts]}
@@ -162,20 +124,15 @@ class NetworkPlanner:
         description = {
             "name": self.name,
             "sizes": sizes,
-            "mixing": _mixing_record(self.mixing),
+            "mixing": {"softmax": self.mixing.epsilon} if isinstance(self.mixing, Softmax) else {"argmax": None},
             "details": dict(self.details),
         }
         write_model(path, "network", self.problem, tensors, description)
 
 
 def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlanner:
-    """The planner that :meth:`NetworkPlanner.save` wrote.
-
-    Args:
-        file: its files.
-        problem: what it plans for.
-    """
-    sizes, tensors = file.description["sizes"], file.tensors
+    """The planner for ``problem`` that :meth:`NetworkPlanner.save` wrote to ``file``."""
+    sizes, mixing, tensors = file.description["sizes"], file.description["mixing"], file.tensors
     network: Network
     if "single" in sizes:
         network = SingleNetwork(sizes["single"])
@@ -190,6 +147,6 @@ def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlan
         network,
         Standardizer(tensors["inputs.mean"], tensors["inputs.std"]),
         Standardizer(tensors["outputs.mean"], tensors["outputs.std"]),
-        _mixing_from(file.description["mixing"]),
+        Softmax(mixing["softmax"]) if "softmax" in mixing else ARGMAX,
         file.description["details"],
     )

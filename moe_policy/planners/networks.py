@@ -74,12 +74,7 @@ class SingleNetwork(nn.Module):
 
 
 class MixtureOfExperts(nn.Module):
-    """A gate and its experts, which may have hidden layers of different sizes.
-
-    Args:
-        gate: network from inputs to r logits.
-        experts: r networks from the same inputs to the same outputs.
-    """
+    """A ``gate`` from inputs to r logits and its r ``experts``, which may have hidden layers of different sizes."""
 
     def __init__(self, gate: SingleNetwork, experts: Sequence[SingleNetwork]) -> None:
         super().__init__()
@@ -122,11 +117,5 @@ Network = SingleNetwork | MixtureOfExperts
 
 
 def outputs_of(network: Network, x: Tensor, mixing: Mixing) -> Tensor:
-    """Outputs (B, R) of a network of either kind.
-
-    Args:
-        network: a single network, or a mixture.
-        x: inputs, (B, inputs).
-        mixing: how a mixture combines its experts; a single network has nothing to mix.
-    """
+    """Outputs (B, R) of inputs ``x`` (B, inputs) from a ``network`` of either kind; ``mixing`` is for mixtures."""
     return network(x, mixing) if isinstance(network, MixtureOfExperts) else network(x)

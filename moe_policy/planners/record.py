@@ -45,11 +45,8 @@ class PartReport:
 
 @dataclass(frozen=True)
 class TrainingReport:
-    """All parts of one training, in order.
-
-    Args:
-        parts: the networks that were trained.
-        test_error: smooth L1 on standardised outputs of the finished planner on the test split.
+    """All ``parts`` of one training, in order, and the ``test_error`` of the finished planner: smooth L1 on
+    standardised outputs of the test split.
     """
 
     parts: tuple[PartReport, ...]
@@ -61,11 +58,7 @@ class TrainingReport:
         return sum(part.seconds for part in self.parts)
 
     def part(self, name: str) -> PartReport:
-        """The part called ``name``, one of the reports' names.
-
-        Raises:
-            KeyError: no such part.
-        """
+        """The part called ``name``."""
         for part in self.parts:
             if part.name == name:
                 return part

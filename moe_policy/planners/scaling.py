@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, frozen_array
 
 SMALLEST_DEVIATION = 1e-3
 #: Rows that are processed at once: not all need fit in memory in double precision.
@@ -26,21 +26,14 @@ def blocks(count: int) -> Iterator[slice]:
 
 @dataclass(frozen=True, eq=False)
 class Standardizer:
-    """Mean and standard deviation of n columns.
-
-    Args:
-        mean: (n,), finite.
-        std: (n,), finite and positive.
-    """
+    """The ``mean`` (n,) and the positive standard deviation ``std`` (n,) of n columns."""
 
     mean: Array
     std: Array
 
     def __post_init__(self) -> None:
         for name in ("mean", "std"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, frozen_array(getattr(self, name)))
         if self.mean.ndim != 1 or self.mean.shape != self.std.shape:
             raise ValueError(f"expected mean (n,) and std (n,), got {self.mean.shape} and {self.std.shape}")
         if not (np.isfinite(self.mean).all() and np.isfinite(self.std).all() and (self.std > 0).all()):
@@ -51,14 +44,7 @@ class Standardizer:
 
     @classmethod
     def fit(cls, values: ArrayLike) -> Standardizer:
-        """The standardiser of rows.
-
-        Args:
-            values: (M, n), M ≥ 1; the training split, never all data.
-
-        Raises:
-            ValueError: no rows, not two axes, or a value that is not finite.
-        """
+        """The standardiser of finite ``values`` (M, n), M ≥ 1: those of the training split, never all data."""
         array = np.asarray(values, dtype=np.float64)
         if array.ndim != 2 or len(array) == 0:
             raise ValueError(f"expected values of shape (M, n) with at least one row, got {array.shape}")
@@ -66,13 +52,8 @@ class Standardizer:
 
     @classmethod
     def fit_blocks(cls, read: Callable[[], Iterable[Array]]) -> Standardizer:
-        """:meth:`fit` on rows that need not be in memory together.
-
-        Args:
-            read: returns the rows, some at a time, (B, n) each; it is called twice, first for the means.
-
-        Raises:
-            ValueError: a value that is not finite.
+        """:meth:`fit` on rows that need not be in memory together: ``read`` returns them in blocks (B, n), and is
+        called twice.
         """
         count, total = 0, 0.0
         for block in read():

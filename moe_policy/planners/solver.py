@@ -113,13 +113,8 @@ class SolverPlanner:
         return self.best(p)[0]
 
     def best(self, p: ArrayLike) -> tuple[Trajectory, Array]:
-        """The cheapest verified solutions and their costs (B,); NaN and +inf where there is none.
-
-        Args:
-            p: parameters (B, np) or (np,); outside the parameter box they are solved as well.
-
-        Raises:
-            ValueError: wrong shape, or a value that is not finite.
+        """The cheapest verified solutions for ``p`` (B, np) or (np,) and their costs (B,); NaN and +inf where there is
+        none.
         """
         checked = self.problem.check_parameters(p, extrapolate=True)
         usual = [random_kind(self.problem)] * self.random_guesses

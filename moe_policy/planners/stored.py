@@ -10,15 +10,7 @@ from ocp_envs.trajectory import Trajectory
 
 
 class StoredPlans:
-    """The stored plan of exactly these parameters.
-
-    Args:
-        parameters: p of the plans, (B, np).
-        trajectory: B plans; NaN where there is none.
-
-    Raises:
-        ValueError: as many parameters as plans are expected, and one plan for equal parameters.
-    """
+    """The stored plans of exactly these ``parameters`` (B, np): a ``trajectory`` of B, NaN where there is none."""
 
     def __init__(self, parameters: ArrayLike, trajectory: Trajectory) -> None:
         rows, flat = np.atleast_2d(np.asarray(parameters, dtype=np.float64)), trajectory.flat()
@@ -32,11 +24,7 @@ class StoredPlans:
                 raise ValueError(f"got two plans for the parameters {rows[i]}, rows {first} and {i}; expected one")
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters ``p`` (B, np) or (np,).
-
-        Raises:
-            ValueError: parameters without a stored plan.
-        """
+        """Plans of parameters ``p`` (B, np) or (np,), all of which must be stored."""
         rows = np.atleast_2d(np.asarray(p, dtype=np.float64))
         keys = _keys(rows)
         if unknown := [i for i, key in enumerate(keys) if key not in self._row]:
