@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
 from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.pictures import Pictures
-from ocp_envs.envs.plant import Plant
+from ocp_envs.envs.plant import Episodes, Plant
 from ocp_envs.envs.resets import given_parameters
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
@@ -28,7 +28,7 @@ from ocp_envs.trajectory import Trajectory
 _ROW = np.array([0])
 
 
-class Env(gym.Env[NDArray[Any], NDArray[Any]]):
+class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
     """An optimal control problem as a Gymnasium environment.
 
     ## Description
@@ -89,6 +89,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
     * v0: initial version.
     """
 
+    _shown = 0
     metadata: Info = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # noqa: RUF012 (Gymnasium's type)
 
     def __init__(
@@ -119,31 +120,6 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         self._steps = options.max_steps
         self._over = True
         self._pictures = Pictures(self._plant)
-
-    @property
-    def problem(self) -> OptimalControlProblem:
-        """The nominal problem; the plant differs from it if ``constants`` were given."""
-        return self.options.problem
-
-    @property
-    def dt(self) -> float:
-        """Length of a control step, s."""
-        return self.options.dt
-
-    @property
-    def state(self) -> Array:
-        """The true state, (nx,)."""
-        return self._plant.step.state[0].copy()
-
-    @property
-    def context(self) -> Array:
-        """The context of the episode, (nc,)."""
-        return self._plant.step.context[0].copy()
-
-    @property
-    def parameters(self) -> Array:
-        """p of the episode, (np,)."""
-        return self._plant.parameters[0].copy()
 
     def _normal(self, rows: Ints) -> Array:
         """Standard normal numbers, (1, nx)."""
@@ -214,11 +190,7 @@ class Env(gym.Env[NDArray[Any], NDArray[Any]]):
         return self._observation(), -cost, terminated, truncated, info
 
     def show_plan(self, plan: Trajectory) -> None:
-        """Show ``plan``, a batch of one, in the pictures of this episode; call it after :meth:`reset`.
-
-        Raises:
-            ValueError: another number of plans.
-        """
+        """Show ``plan``, a batch of one (else a ``ValueError``), in the pictures of this episode; follows a reset."""
         self._pictures.announce(plan)
 
     def render(self) -> NDArray[np.uint8] | None:

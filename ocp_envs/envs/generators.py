@@ -11,12 +11,7 @@ from ocp_envs.support.arrays import Array, Ints
 
 
 class Generators:
-    """One random generator for each row, seeded from the operating system until a seed is given.
-
-    Args:
-        rows: number of rows.
-        size: length of a row's state.
-    """
+    """A random generator for each of ``rows`` rows of ``size`` numbers, seeded at random until a seed is given."""
 
     def __init__(self, rows: int, size: int) -> None:
         self._size = size
@@ -29,11 +24,9 @@ class Generators:
         return generator
 
     def seed(self, seed: int | Sequence[int | None] | None, rows: Ints) -> None:
-        """Restart the generators of ``rows``.
+        """Restart the generators of ``rows``, and start those of rows that have none.
 
-        Args:
-            seed: an integer s seeds row i with s + i; a sequence holds a seed for each row, or ``None`` to leave it.
-            rows: indices of the rows to seed; a row without a generator is seeded in any case.
+        An integer ``seed`` s seeds row i with s + i; a sequence holds a seed for each row, or ``None`` to leave it.
 
         Raises:
             ValueError: a sequence of another length.

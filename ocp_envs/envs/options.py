@@ -149,11 +149,7 @@ class Options:
         return largest_cost_rate(self.problem) * self.dt * (self.max_steps - steps)
 
     def draw_parameters(self, generators: Sequence[np.random.Generator]) -> Array:
-        """Parameters (B, np) from the distribution of the problem, one from each of B ``generators``.
-
-        Raises:
-            TableError: there is no table.
-        """
+        """Parameters (B, np) from the distribution of the problem, one from each of B ``generators``."""
         return self.problem.distribution.draw(self.problem, generators)
 
 

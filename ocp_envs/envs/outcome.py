@@ -16,13 +16,10 @@ Info = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """Results of one control step of n rows; those of rows that did not move are zero.
+    """Results (n,) of one control step of n rows, zero for rows that did not move.
 
-    Args:
-        reached: the state is in the goal ball, (n,).
-        cost: cost of the step with the charge for leaving the operating box, (n,).
-        violation: violation of the path constraints at its end, (n,), or ``None`` without constraints.
-        left_box: the state left the operating box, (n,).
+    ``reached``: the state is in the goal ball. ``cost``: of the step, with the charge for leaving the operating box.
+    ``violation``: of the path constraints at its end, ``None`` without constraints. ``left_box``: the state left it.
     """
 
     reached: Bools
@@ -49,18 +46,12 @@ class Outcome:
         return info
 
     def final_info(self, ended: Bools, observed: NDArray[np.float32]) -> Info:
-        """What ``info`` keeps of episodes whose rows begin another one in the same step.
+        """What ``info`` keeps of episodes that ``ended`` (n,) in a step whose rows begin another one in the same step.
 
-        Args:
-            ended: rows whose episode ended, (n,).
-            observed: last observations, (n, nx + nc).
+        ``observed`` are the last observations, (n, nx + nc).
         """
         final = np.full(len(ended), None, dtype=object)
         for row in np.flatnonzero(ended):
             final[row] = observed[row].copy()
-        return {
-            "final_obs": final,
-            "_final_obs": ended,
-            "final_info": self.info(ended),
-            "_final_info": ended.copy(),
-        }
+        info = self.info(ended)
+        return {"final_obs": final, "_final_obs": ended, "final_info": info, "_final_info": ended.copy()}

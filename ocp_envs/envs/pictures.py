@@ -39,11 +39,7 @@ class Pictures:
             self._cost[rows] += cost[rows]
 
     def announce(self, plans: Trajectory) -> None:
-        """Show ``plans``, one for each row, until their episodes end.
-
-        Raises:
-            ValueError: another number of plans.
-        """
+        """Show ``plans``, one for each row (else a ``ValueError``), until their episodes end."""
         if len(plans) != self._plant.rows:
             raise ValueError(f"expected a plan for each of {self._plant.rows} rows, got {len(plans)}")
         self._plans = [states.copy() for states in plans.states]
@@ -64,12 +60,7 @@ class Pictures:
             self._draw(0).show()
 
     def frames(self) -> tuple[NDArray[np.uint8], ...] | None:
-        """A frame (height, width, 3) for each row in mode ``"rgb_array"``; otherwise ``None``, and the window shows.
-
-        Raises:
-            ValueError: no episode has begun.
-            ImportError: Matplotlib is not installed.
-        """
+        """A frame (height, width, 3) for each row in mode ``"rgb_array"``; otherwise ``None``, and the window shows."""
         if self.mode is None:
             gym.logger.warn('render() needs render_mode="rgb_array" or "human" when the environment is made')
         self.update()

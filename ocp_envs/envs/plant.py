@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ocp_envs.envs.options import Options
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 
 #: Index of all rows: basic indexing is faster than that by an array of integers.
@@ -17,11 +18,7 @@ Normal = Callable[[Ints], Array]
 
 
 class Plant:
-    """A number of episodes as batched arrays.
-
-    Args:
-        options: of the environment.
-        rows: number of episodes.
+    """A number ``rows`` of episodes of an environment with ``options``, as batched arrays.
 
     Attributes:
         step: the arrays of a control step; its ``state`` is the present state of each episode.
@@ -41,12 +38,7 @@ class Plant:
         self._late = deque(np.zeros((rows, options.problem.system.nu)) for _ in range(options.delay))
 
     def begin(self, rows: Ints, parameters: Array) -> None:
-        """Begin episodes.
-
-        Args:
-            rows: indices of the episodes.
-            parameters: p of each, (len(rows), np).
-        """
+        """Begin the episodes ``rows`` with the ``parameters`` p of each, (len(rows), np)."""
         index = ALL if len(rows) == self.rows else rows
         self.step.state[index], self.step.context[index] = self.options.problem.start(parameters)
         self.parameters[index] = parameters
@@ -54,12 +46,10 @@ class Plant:
             controls[index] = self.options.problem.goal.control
 
     def advance(self, controls: Array, rows: Ints, normal: Normal) -> None:
-        """Advance episodes by one control step; the results are in ``step``.
+        """Advance the episodes ``rows`` by one control step; the others keep their state. The results are in ``step``.
 
-        Args:
-            controls: of all episodes, (rows, nu), or (nu,) of a single one; with a delay they act later.
-            rows: indices of the episodes that move; those of the others keep their state.
-            normal: draws the disturbance.
+        ``controls`` are those of all episodes, (rows, nu), or (nu,) of a single one; with a delay they act later.
+        ``normal`` draws the disturbance.
         """
         step, options = self.step, self.options
         index = ALL if len(rows) == self.rows else rows
@@ -77,13 +67,41 @@ class Plant:
         step.state[index] = step.following[index]
 
     def measure(self, rows: Ints, normal: Normal) -> Array:
-        """The states (len(rows), nx) of episodes with observation noise, clipped to the operating box.
-
-        Args:
-            rows: indices of the episodes.
-            normal: draws the noise.
-        """
+        """The states (len(rows), nx) of ``rows`` with noise from ``normal``, clipped to the operating box."""
         state = self.step.state if len(rows) == self.rows else self.step.state[rows]
         measured: Array = state + self._noise * normal(rows)
         np.maximum(measured, self._lower, out=measured)
         return np.minimum(measured, self._upper, out=measured)
+
+
+class Episodes:
+    """What an environment shows of its episodes: arrays of one episode, or of all in their first axis."""
+
+    options: Options
+    _plant: Plant
+    _shown: int | slice = ALL
+
+    @property
+    def problem(self) -> OptimalControlProblem:
+        """The nominal problem; the plant differs from it if ``constants`` were given."""
+        return self.options.problem
+
+    @property
+    def dt(self) -> float:
+        """Length of a control step, s."""
+        return self.options.dt
+
+    @property
+    def state(self) -> Array:
+        """The true state, (nx,) or (num_envs, nx)."""
+        return np.array(self._plant.step.state[self._shown])
+
+    @property
+    def context(self) -> Array:
+        """The context, (nc,) or (num_envs, nc)."""
+        return np.array(self._plant.step.context[self._shown])
+
+    @property
+    def parameters(self) -> Array:
+        """p of the present episodes, (np,) or (num_envs, np)."""
+        return np.array(self._plant.parameters[self._shown])

@@ -10,11 +10,10 @@ All results are finite: a state outside the operating box is clipped into it (a 
 lower bound), a NaN control becomes its lower bound, and the cost of a step that left the box is bounded by the largest
 cost rate times dt. A cost that is not finite counts as leaving the box, too.
 
-A control step takes as many Runge-Kutta steps as keep each within the problem's ``longest_substep``. Its accuracy at
-0.02 s against SciPy's DOP853 is recorded in results/benchmark_env.json by scripts/benchmark_env.py. In the middle two
-thirds of the boxes of state and control, the errors of the vehicle (one step) and the quadcopter (two) are below
-2.5e-6. In the whole boxes, that of the vehicle is below 7e-5; that of the quadcopter, which tumbles at 8 rad/s next to
-the singularity of its angles, reaches 4e-4 (2e-5 in 99 % of the cases, 8e-7 in the median).
+Accuracy at 0.02 s against SciPy's DOP853 (results/benchmark_env.json, written by scripts/benchmark_env.py): in the
+middle two thirds of the boxes of state and control, errors are below 2.5e-6. In the whole boxes, that of the vehicle is
+below 7e-5; that of the quadcopter, which tumbles at 8 rad/s next to the singularity of its angles, reaches 4e-4 (2e-5
+in 99 % of the cases, 8e-7 in the median).
 """
 
 from __future__ import annotations
@@ -39,13 +38,10 @@ _MAX_VERTICES = 2**16
 
 @lru_cache(maxsize=32)
 def largest_cost_rate(problem: OptimalControlProblem) -> float:
-    """Largest cost rate L over the boxes of state, control and context, in units of cost per second.
+    """Largest cost rate L of ``problem`` over its boxes of state, control and context, in units of cost per second.
 
     A convex function attains its maximum over a box at a vertex, so L is evaluated at the vertices spanned by the
     coordinates on which it depends; where there are more than 2^16, at as many drawn at random.
-
-    Args:
-        problem: the problem.
     """
     x, u, s = problem.symbols()
     z = ca.vertcat(x, u, s)
@@ -111,24 +107,12 @@ class Step:
 
 
 class ControlStep:
-    """One control step of a fixed number of rows, in place.
+    """One control step of a fixed number of rows, in place, with the ``function`` that a :class:`Simulator` binds.
 
-    Write ``state``, ``control``, ``context`` and, if there is one, ``disturbance``; call :attr:`evaluate`; read
-    ``following``, ``cost``, ``violation``, ``reached`` and ``left_box``. The arrays belong to the function: never
-    replace them, only their values. Copying and pickling carry the values over.
-
-    Args:
-        function: a control step as built by :meth:`Simulator.control_step`.
-
-    Attributes:
-        state: (rows, nx).
-        control: (rows, nu), clipped to its box by the step.
-        context: (rows, nc).
-        disturbance: term added to ẋ during the step, (rows, nx), or (rows, 0) in a step without one.
-        following: next state, (rows, nx).
-        cost, violation: (rows,), as in :class:`Step`.
-        reached, left_box: (rows,), as in :class:`Step`, as 0 or 1.
-        evaluate: computes the results from the inputs.
+    Write ``state`` (rows, nx), ``control`` (rows, nu), ``context`` (rows, nc) and, in a step with a disturbance,
+    ``disturbance`` (rows, nx), the term added to ẋ; call :attr:`evaluate`; read ``following``, the next state, and
+    ``cost``, ``violation``, ``reached`` and ``left_box`` (rows,) as in :class:`Step`, with 0 or 1 for a truth value.
+    The arrays belong to the function: replace their values, never them. Copying and pickling carry the values over.
     """
 
     def __init__(self, function: BoundFunction) -> None:
@@ -176,13 +160,9 @@ class Simulator:
     def advance(
         self, states: ArrayLike, controls: ArrayLike, contexts: ArrayLike, disturbance: ArrayLike | None = None
     ) -> Step:
-        """One control step of B rows.
+        """One control step of B rows from ``states`` (B, nx) under ``controls`` (B, nu), clipped to their box.
 
-        Args:
-            states: (B, nx).
-            controls: (B, nu), clipped to their box.
-            contexts: (B, nc).
-            disturbance: term added to ẋ during the step, (B, nx); none by default.
+        ``contexts`` are (B, nc); ``disturbance`` (B, nx) is a term added to ẋ during the step, none by default.
 
         Raises:
             ValueError: arrays of other shapes.
@@ -203,11 +183,7 @@ class Simulator:
         return Step(following, cost, reached > 0, violation, left_box > 0)
 
     def control_step(self, rows: int, disturbed: bool = False) -> ControlStep:
-        """One control step in place.
-
-        Args:
-            rows: number of rows.
-            disturbed: whether the step takes a disturbance.
+        """One control step of ``rows`` rows in place; ``disturbed`` says whether it takes a disturbance.
 
         Raises:
             ValueError: fewer than one row.

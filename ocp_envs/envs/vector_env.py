@@ -16,14 +16,14 @@ from ocp_envs.envs.generators import Generators
 from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
 from ocp_envs.envs.outcome import Info, Outcome
 from ocp_envs.envs.pictures import Pictures
-from ocp_envs.envs.plant import Plant
+from ocp_envs.envs.plant import ALL, Episodes, Plant
 from ocp_envs.envs.resets import MASK, NAMES, due_rows, given_parameters
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.trajectory import Trajectory
 
 
-class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """``num_envs`` episodes of :class:`~ocp_envs.envs.env.Env` as batched arrays.
 
     Spaces, reward, initial states and ends of episodes are those of :class:`~ocp_envs.envs.env.Env`. ``info`` follows
@@ -82,31 +82,6 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self._begun = False
         self._pictures = Pictures(self._plant)
 
-    @property
-    def problem(self) -> OptimalControlProblem:
-        """The nominal problem; the plant differs from it if ``constants`` were given."""
-        return self.options.problem
-
-    @property
-    def dt(self) -> float:
-        """Length of a control step, s."""
-        return self.options.dt
-
-    @property
-    def state(self) -> Array:
-        """The true states, (num_envs, nx)."""
-        return self._plant.step.state.copy()
-
-    @property
-    def context(self) -> Array:
-        """The contexts of the episodes, (num_envs, nc)."""
-        return self._plant.step.context.copy()
-
-    @property
-    def parameters(self) -> Array:
-        """p of the present episodes, (num_envs, np)."""
-        return self._plant.parameters.copy()
-
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Info | None = None
     ) -> tuple[NDArray[np.float32], Info]:
@@ -152,13 +127,10 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
     def _observe(self, rows: Ints) -> None:
         """Observe the states of ``rows``."""
-        state, nx = self._plant.step.state, self.problem.system.nx
-        if self.options.noisy:
-            self._observed[rows, :nx] = self._plant.measure(rows, self._generators.normal)
-        elif len(rows) == self.num_envs:
-            self._observed[:, :nx] = state
-        else:
-            self._observed[rows, :nx] = state[rows]
+        index, nx = ALL if len(rows) == self.num_envs else rows, self.problem.system.nx
+        noisy, state = self.options.noisy, self._plant.step.state
+        measured = self._plant.measure(rows, self._generators.normal) if noisy else state[index]
+        self._observed[index, :nx] = measured
 
     def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, Bools, Bools, Info]:
         """Advance the episodes by one control step; rows whose episode is over stand still.
@@ -211,11 +183,7 @@ class VectorEnv(gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return Outcome(reached, cost, step.violation.copy() if self.problem.n_clearances else None, left_box)
 
     def show_plan(self, plans: Trajectory) -> None:
-        """Show ``plans``, one for each row, in the pictures of the present episodes; call it after :meth:`reset`.
-
-        Raises:
-            ValueError: another number of plans.
-        """
+        """Show ``plans``, one a row (else a ``ValueError``), in the pictures of the episodes; follows a reset."""
         self._pictures.announce(plans)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:

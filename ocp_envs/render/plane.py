@@ -16,10 +16,7 @@ RANKS = {"goal": 1.5, "plan": 1.7, "trail": 1.8}
 class Plane:
     """Axes in the plane with shapes and curves; :class:`~ocp_envs.render.space.Space` has the same methods in space.
 
-    Args:
-        figure: the figure that gets the axes.
-        bounds: left, bottom, width, height as fractions of the figure.
-        picture: a picture with two limits.
+    ``figure`` gets the axes at ``bounds`` (left, bottom, width, height as fractions); ``picture`` has two limits.
     """
 
     def __init__(self, figure: Figure, bounds: tuple[float, float, float, float], picture: Picture) -> None:
@@ -30,11 +27,9 @@ class Plane:
         self._artists: list[tuple[type[Shape], Artist]] = []
 
     def curve(self, rank: str, **style: Any) -> PlaneCurve:
-        """A new curve without points.
+        """A new curve without points, with a ``style`` as in ``Axes.plot``.
 
-        Args:
-            rank: what the curve shows, a key of :data:`RANKS`; it decides what covers what.
-            style: as in ``Axes.plot``.
+        ``rank``, a key of :data:`RANKS`, says what the curve shows and thus what covers what.
         """
         return PlaneCurve(self.axes.plot([], [], zorder=RANKS[rank], **style)[0])
 
@@ -60,11 +55,7 @@ class Plane:
 
 
 class PlaneCurve:
-    """A curve in the plane.
-
-    Args:
-        artist: Matplotlib's ``Line2D``.
-    """
+    """A curve in the plane, drawn by ``artist``, a ``Line2D`` of Matplotlib."""
 
     def __init__(self, artist: Artist) -> None:
         self._artist = artist

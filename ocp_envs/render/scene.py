@@ -14,33 +14,28 @@ from ocp_envs.picture import Picture
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.render.plane import Plane, PlaneCurve
 from ocp_envs.render.space import Space, SpaceCurve
-from ocp_envs.render.style import DASHES, GOAL, GREY, INK, PATH, PLAN, Artist, Axes, matplotlib
+from ocp_envs.render.style import DASHES, GOAL, GREY, INK, PATH, PLAN, Artist, matplotlib
 from ocp_envs.support.arrays import Array
 
-_INCHES = 5.0
+_INCHES, _DPI = 5.0, 96  # 480 pixels
 
 
 class Scene:
     """A figure that is drawn repeatedly; its artists are moved rather than recreated.
 
-    ``scene.figure.savefig(...)`` writes the last picture to a file.
-
-    Args:
-        problem: the problem to draw.
-        window: open an interactive window instead of drawing into memory.
-        size: width and height in pixels; the whole picture scales with it.
+    It shows states of ``problem``, in an interactive ``window`` or in memory; ``scene.figure.savefig(...)`` writes the
+    last picture to a file.
 
     Raises:
-        ImportError: Matplotlib is not installed.
         ValueError: the problem has no picture.
     """
 
-    def __init__(self, problem: OptimalControlProblem, window: bool = False, size: int = 480) -> None:
+    def __init__(self, problem: OptimalControlProblem, window: bool = False) -> None:
         if problem.picture is None:
             raise ValueError(f"{problem.id} has no picture; plot_trajectory draws it against time")
         self.problem = problem
         self.picture: Picture = problem.picture
-        shape = {"figsize": (_INCHES, _INCHES), "dpi": size / _INCHES}
+        shape = {"figsize": (_INCHES, _INCHES), "dpi": _DPI}
         self._pyplot = matplotlib("pyplot") if window else None
         if self._pyplot is not None:
             self.figure = self._pyplot.figure(problem.id, **shape)
@@ -78,14 +73,10 @@ class Scene:
             self.figure.text(0.5, 0.925, self.picture.caption, ha="center", va="center", size=8, color="#777777")
 
     def draw(self, states: Array, context: Array, time: float, cost: float, plan: Array | None = None) -> None:
-        """Show the last of ``states`` and the path through all of them.
+        """Show the last of ``states`` (N, nx) and the path through all of them.
 
-        Args:
-            states: states so far, (N, nx).
-            context: (nc,).
-            time: time of the last state, s.
-            cost: cost up to that time.
-            plan: states (M, nx) of a plan at equal intervals of time, drawn dashed; non-finite ones are left out.
+        ``context`` is (nc,); ``cost`` has accrued up to ``time`` (s), that of the last state; ``plan`` holds states
+        (M, nx) at equal intervals of time, drawn dashed, of which non-finite ones are left out.
         """
         # Shapes come first: the spheres among them hide parts of a curve in space.
         self.stage.show(self.picture.shapes(states[-1], context))
@@ -111,11 +102,6 @@ class Scene:
         ]
         style = {"loc": "upper left", "bbox_to_anchor": (0.01, 0.94), "frameon": False, "fontsize": 9}
         return self.figure.legend(handles=handles, **style)
-
-    @property
-    def axes(self) -> Axes:
-        """Matplotlib's axes."""
-        return self.stage.axes
 
     def pixels(self) -> NDArray[np.uint8]:
         """The picture as (height, width, 3)."""

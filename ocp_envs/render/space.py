@@ -25,12 +25,9 @@ RANKS = {"shadow": 0.5, "goal": 1.0, "plan": 2.0, "trail": 3.0, "body": 5.0}
 
 
 class SpaceCurve:
-    """A curve in space, split into pieces that are each drawn in the layer below the farthest sphere hiding them.
+    """A curve in ``space``, split into pieces that are each drawn in the layer below the farthest sphere hiding them.
 
-    Args:
-        space: the axes that the curve belongs to.
-        rank: zorder within a layer.
-        style: as in ``Axes.plot``.
+    ``rank`` is its zorder within a layer; ``style`` is as in ``Axes.plot``.
     """
 
     def __init__(self, space: Space, rank: float, style: Style) -> None:
@@ -72,10 +69,7 @@ class SpaceCurve:
 class Space:
     """Axes in three dimensions: a box with a floor, shapes and their shadows, and curves.
 
-    Args:
-        figure: the figure that gets the axes.
-        bounds: left, bottom, width, height as fractions of the figure.
-        picture: a picture with three limits.
+    ``figure`` gets the axes at ``bounds`` (left, bottom, width, height as fractions); ``picture`` has three limits.
     """
 
     def __init__(self, figure: Figure, bounds: tuple[float, float, float, float], picture: Picture) -> None:
@@ -97,11 +91,9 @@ class Space:
         return self.axes.add_collection3d(self._polygons([np.zeros((3, 3))], **style))
 
     def curve(self, rank: str, **style: Any) -> SpaceCurve:
-        """A new curve without points.
+        """A new curve without points, with a ``style`` as in ``Axes.plot``.
 
-        Args:
-            rank: what the curve shows, a key of :data:`RANKS`; it decides what covers what within a layer.
-            style: as in ``Axes.plot``.
+        ``rank``, a key of :data:`RANKS`, says what the curve shows and thus what covers what within a layer.
         """
         self._curves.append(SpaceCurve(self, RANKS[rank], style))
         return self._curves[-1]

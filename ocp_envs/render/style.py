@@ -18,14 +18,7 @@ DASHES: Style = {"lw": 1.6, "ls": (0, (4, 2.5))}
 
 
 def matplotlib(module: str) -> ModuleType:
-    """The module ``matplotlib.<module>``.
-
-    Args:
-        module: its name below ``matplotlib``.
-
-    Raises:
-        ImportError: Matplotlib, which comes with the extra ``plots``, is not installed.
-    """
+    """``matplotlib.<module>``; raises an ``ImportError`` if Matplotlib (extra ``plots``) is not installed."""
     try:
         return importlib.import_module(f"matplotlib.{module}")
     except ImportError as error:

@@ -35,15 +35,10 @@ def hidden(points: Array, ball: Ball, viewer: Array) -> Bools:
 
 
 def layers(points: Array, balls: Sequence[Ball], viewer: Array) -> Ints:
-    """The layer in which each point is drawn.
+    """The layer (n,) in which each of ``points`` (n, 3) is drawn, seen by a ``viewer`` (3,).
 
-    Args:
-        points: (n, 3).
-        balls: spheres from far to near.
-        viewer: (3,).
-
-    Returns:
-        (n,), the index of the first sphere that hides the point, or the number of spheres where none does.
+    It is the index of the first of ``balls``, ordered from far to near, that hides the point, or their number if none
+    does.
     """
     layer = np.full(len(points), len(balls))
     for k in reversed(range(len(balls))):
@@ -52,19 +47,11 @@ def layers(points: Array, balls: Sequence[Ball], viewer: Array) -> Ints:
 
 
 def portrait(ball: Ball, projection: Array, color: Array, pixels: int = 160) -> tuple[Array, Array]:
-    """An image of a sphere, cast ray by ray.
+    """An image (``pixels``, ``pixels``, 4) of ``ball``, and its extent (left, right, bottom, top) in ``projection``.
 
-    The normal where a pixel's ray meets the sphere gives the brightness. A mesh of translucent facets would show its
-    edges, because neighbours overlap there.
-
-    Args:
-        ball: the sphere.
-        projection: perspective, (4, 4).
-        color: red, green, blue in [0, 1], (3,).
-        pixels: number of pixels along each side.
-
-    Returns:
-        The image (pixels, pixels, 4), and its extent (left, right, bottom, top) in the plane of the projection.
+    It is cast ray by ray: the normal where a pixel's ray meets the sphere gives the brightness. A mesh of translucent
+    facets would show its edges, because neighbours overlap there. ``projection`` is a perspective, (4, 4), and
+    ``color`` is red, green, blue in [0, 1], (3,).
     """
     viewer = eye(projection)
     extent = _extent(ball, projection, viewer, pixels)
