@@ -23,9 +23,9 @@ import numpy as np
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.cli import say
+from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.interruptions import Interruptions, generate_interrupted, plan_kills
 from moe_policy.experiments.records import write
-from moe_policy.experiments.totals import Totals
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError
 from ocp_envs.problem import OptimalControlProblem

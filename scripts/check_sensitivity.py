@@ -21,8 +21,7 @@ import ocp_envs
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.choices import Sensitivity
-from moe_policy.experiments.comparison import COLUMNS, run
+from moe_policy.experiments.comparison import COLUMNS, Sensitivity, run
 from moe_policy.experiments.methods import Method, solutions
 from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import text_table

@@ -20,8 +20,7 @@ import ocp_envs
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.choices import TrackingChoice, TrackingRow
-from moe_policy.experiments.comparison import COLUMNS, run
+from moe_policy.experiments.comparison import COLUMNS, TrackingChoice, TrackingRow, run
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import Column, text_table

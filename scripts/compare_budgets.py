@@ -27,9 +27,8 @@ from moe_policy.experiments.learners import CaseSet, LearnerTraining, learner_tr
 from moe_policy.experiments.methods import Method, solve_all
 from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, planner_rows
 from moe_policy.experiments.records import read, write
-from moe_policy.experiments.seeds import TrainingRow
+from moe_policy.experiments.seeds import TrainingComparison, TrainingRow
 from moe_policy.experiments.tables import text_table
-from moe_policy.experiments.training_tables import TrainingComparison
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.rl.actor import LearnedPolicy

@@ -26,8 +26,7 @@ from moe_policy.experiments.figures.details import Details
 from moe_policy.experiments.figures.material import Material
 from moe_policy.experiments.figures.sizes import sizes_figure
 from moe_policy.experiments.records import ABSENT, write
-from moe_policy.experiments.seeds import Model, Paper, TrainingRow
-from moe_policy.experiments.training_tables import TrainingComparison
+from moe_policy.experiments.seeds import Model, Paper, TrainingComparison, TrainingRow
 from moe_policy.experiments.trainings import Folders, Run
 from moe_policy.learning.architectures import PAPER_SIZES, Hidden
 from moe_policy.learning.settings import TrainingSettings

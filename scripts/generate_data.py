@@ -22,9 +22,8 @@ from typing import Any
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.cli import say
-from moe_policy.experiments.generation import Generation, Memory, SplitGeneration
-from moe_policy.experiments.records import write
-from moe_policy.experiments.totals import Totals
+from moe_policy.experiments.generation import Generation, Memory, SplitGeneration, Totals
+from moe_policy.experiments.records import read, write
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
@@ -111,7 +110,7 @@ def generate(name: str, arguments: argparse.Namespace, client: Any) -> None:
         provenance=provenance(),
     )
     output = arguments.results / f"generation_{problem.id}.json"
-    earlier = Generation.at(output)
+    earlier = read(output, Generation, Generation(splits={}))
     write(output, replace(earlier, splits=earlier.splits | {name: made}))
 
 

@@ -17,8 +17,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from moe_policy.experiments import cli
-from moe_policy.experiments.hard_sets import HardSetReport, HardSets
-from moe_policy.experiments.records import write
+from moe_policy.experiments.generation import HardSetReport, HardSets
+from moe_policy.experiments.records import read, write
 from ocp_envs import tables
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
@@ -66,7 +66,7 @@ def main() -> None:
         found, report = made(problem, name, hard, databases, arguments.workers)
         cli.say(f"wrote {reference.write(problem, name, found, folder)}")
         cli.say(f"{name}: {len(found)} of {report.candidates} candidates, {report.seconds:.0f} s")
-        record = HardSets.at(path)
+        record = read(path, HardSets, HardSets(sets={}))
         write(path, replace(record, sets=record.sets | {name: report}))
 
 

@@ -14,18 +14,17 @@ from pathlib import Path
 from typing import TypeVar
 
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
-from moe_policy.experiments.choices import Sensitivity
-from moe_policy.experiments.comparison import COLUMNS, Comparison
+from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
 from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLUMNS
 from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
-from moe_policy.experiments.paper_tables import SummaryTable, summary_columns
+from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, SummaryTable, TrainingTable, summary_columns
 from moe_policy.experiments.records import Record, read
+from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
 from moe_policy.experiments.splits import SPLIT_COLUMNS, SplitComparison
 from moe_policy.experiments.tables import Column, markdown_table
-from moe_policy.experiments.training_tables import TRAINING_COLUMNS, TrainingComparison, TrainingTable
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("README.md", "results/README.md")

@@ -12,8 +12,7 @@ from __future__ import annotations
 from moe_policy.experiments import cli
 from moe_policy.experiments.cli import say
 from moe_policy.experiments.data import accuracy_of, contents
-from moe_policy.experiments.data_report import DataReport, Integration
-from moe_policy.experiments.data_text import text
+from moe_policy.experiments.data_report import DataReport, Integration, text
 from moe_policy.experiments.figures.data import data_figure
 from moe_policy.experiments.records import write
 from ocp_envs.data.database import Database

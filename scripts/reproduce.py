@@ -32,11 +32,18 @@ from moe_policy.experiments.figures.details import Figure
 from moe_policy.experiments.figures.material import Material
 from moe_policy.experiments.figures.sketch import mixture_figure
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable, overview_rows
-from moe_policy.experiments.paper_tables import Source, SummaryTable, summarised, summary, summary_columns
+from moe_policy.experiments.paper_tables import (
+    TRAINING_COLUMNS,
+    Source,
+    SummaryTable,
+    TrainingTable,
+    summarised,
+    summary,
+    summary_columns,
+)
 from moe_policy.experiments.records import ABSENT, Record, read, write
-from moe_policy.experiments.seeds import Model, Training, TrainingRow
+from moe_policy.experiments.seeds import Model, Training, TrainingComparison, TrainingRow
 from moe_policy.experiments.tables import markdown_table
-from moe_policy.experiments.training_tables import TRAINING_COLUMNS, TrainingComparison, TrainingTable
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK

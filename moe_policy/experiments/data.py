@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from moe_policy.experiments.data_report import AccuracyReport, CostDifferences, FamilyRow, SplitReport
-from moe_policy.experiments.totals import Totals
+from moe_policy.experiments.data_report import FAILURES, AccuracyReport, CostDifferences, FamilyRow, SplitReport
+from moe_policy.experiments.generation import Totals
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import StoredRows
 from ocp_envs.sets.discontinuity import relative_cost_difference
@@ -18,9 +18,6 @@ from ocp_envs.solvers.accuracy import Accuracy, accuracy
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array, Ints
-
-#: The ways in which a solve fails.
-FAILURES = (Status.NOT_CONVERGED, Status.TIMED_OUT, Status.CRASHED, Status.CHECK_FAILED)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,16 +1,23 @@
-"""The records of what databases hold."""
+"""The records of what databases hold, and their text with one column for each split."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
+from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.records import Record, inline, renamed
-from moe_policy.experiments.totals import Totals
+from moe_policy.experiments.tables import DASH, Column, text_table
+from ocp_envs.solvers.accuracy import ATOL, RTOL
+from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
 
+#: The ways in which a solve fails.
+FAILURES = (Status.NOT_CONVERGED, Status.TIMED_OUT, Status.CRASHED, Status.CHECK_FAILED)
 #: Relative cost differences below which two solution families count as close.
 CLOSE = (0.001, 0.01, 0.03)
 #: Levels of the quantiles that are reported.
@@ -112,3 +119,91 @@ class DataReport(Record):
     splits: dict[str, SplitReport]
     integration: Integration
     provenance: Provenance
+
+
+def text(title: str, records: Mapping[str, SplitReport]) -> str:
+    """The report.
+
+    Args:
+        title: first line.
+        records: by name of the split.
+    """
+    columns = {
+        name: _effort(record) | _contents(record) | _accuracy(record.accuracy) for name, record in records.items()
+    }
+    headings = dict.fromkeys(heading for lines in columns.values() for heading in lines)
+    rows = [{"": heading, **{name: lines.get(heading) for name, lines in columns.items()}} for heading in headings]
+    notes = [
+        "cost difference: (second − best) / best over the instances with two solution families or more; families that",
+        "cost neighbours more than the margin of the generation are not sought, so few large differences are known",
+        f"error: norm against DOP853 (rtol {RTOL:g}, atol {ATOL:g}), median / 95 % / maximum",
+        "solves by the fallback: they include every solve that hung or crashed in the first solver",
+    ]
+    if any(record.failures_by_kind is None for record in records.values()):
+        notes.append("not stored: databases keep how many solves of an instance failed, not how each of them ended")
+    shown = [Column(name, itemgetter(name)) for name in ("", *columns)]
+    return "\n".join([title, "", text_table(rows, shown), *notes]) + "\n"
+
+
+def _words(name: str) -> str:
+    return name.lower().replace("_", " ")
+
+
+def _percent(fraction: float | None) -> str:
+    return DASH if fraction is None else f"{100 * fraction:.3g} %"
+
+
+def _effort(record: SplitReport) -> dict[str, str]:
+    """What solving took and how it ended, by heading."""
+    totals, known = record.totals, record.failures_by_kind
+    unsolved = ", ".join(f"{count:,} {_words(name)}" for name, count in record.unsolved.items() if count)
+    kinds = "not stored" if known is None else " / ".join(f"{known[kind.name]:,}" for kind in FAILURES)
+    return {
+        "instances": f"{totals.problems:,} of {record.size:,}",
+        "solved": f"{totals.solved:,}",
+        "unsolved, by their first solve": unsolved or "none",
+        "solves (per instance)": f"{totals.solves:,} ({record.solves_per_problem:.2f})",
+        "failed solves": f"{totals.failures:,}",
+        f"… {' / '.join(_words(kind.name) for kind in FAILURES)}": kinds,
+        "… timed out or crashed, at most": f"{record.killed_at_most:,}",
+        "solves by the fallback": f"{totals.fallbacks:,}",
+        "iterations (per solve)": f"{totals.iterations:,} ({record.iterations_per_solve:.2f})",
+    }
+
+
+def _contents(record: SplitReport) -> dict[str, str]:
+    """What is stored, by heading."""
+    quantiles, below = record.differences.quantiles, record.differences.share_below or {}
+    levels = " / ".join(f"{100 * level:g}" for level in LEVELS)
+    lines = {
+        "size of the files": f"{record.bytes / 1e6:.1f} MB",
+        "trajectories, all checked again": f"{record.trajectories:,}",
+        "… failing the check": f"{record.failing:,}",
+        "… stored for another family": f"{record.misfiled:,}",
+        "instances with 0 / 1 / … families": " / ".join(f"{count:,}" for count in record.modes_found),
+    }
+    for row in record.families:
+        lines[f"cheapest: {row.mode}"] = f"{row.best:,} ({_percent(row.share)}); found {row.found:,}"
+    lines[f"cost difference, {levels} % quantile"] = (
+        DASH if quantiles is None else " / ".join(f"{value:.3g}" for value in quantiles.values())
+    )
+    return lines | {f"cost difference below {100 * limit:g} %": _percent(below.get(f"{limit:g}")) for limit in CLOSE}
+
+
+def _accuracy(record: AccuracyReport | None) -> dict[str, str]:
+    """How accurate the plans are, by heading."""
+    if record is None:
+        return {}
+    lines = {
+        f"error {name}, {_words(unit)}": _errors(errors[unit])
+        for name, errors in (("per interval", record.interval), ("open loop", record.open_loop))
+        for unit in ("state_units", "scaled")
+    }
+    return lines | {
+        "open loop ends in the goal ball": f"{record.end_in_the_goal_ball:,} of {record.cases:,}",
+        "not integrable": f"{record.not_integrable:,}",
+    }
+
+
+def _errors(errors: ErrorQuantiles) -> str:
+    return f"{errors.median:.1e} / {errors.percent_95:.1e} / {errors.largest:.1e}"

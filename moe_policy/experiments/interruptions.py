@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.records import Record, inline
-from moe_policy.experiments.totals import Totals
 from ocp_envs.support.provenance import Provenance
 
 #: Seconds without a new chunk after which a generation counts as stuck.

@@ -1,4 +1,4 @@
-"""The paper's second table, the summary: a column for each problem and mixture, ours with the paper's in brackets.
+"""The paper's tables: ways to train, and the summary, a column for each problem and mixture.
 
 Tang & Hauser, *Discontinuity-Sensitive Optimal Control Learning by Mixture of Experts* (2019).
 """
@@ -23,6 +23,44 @@ from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.provenance import Provenance
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingTable(Record):
+    """The paper's table of ways to train, ours next to the paper's: ``table_training.json``."""
+
+    quick: bool  # whether it is made from few instances
+    rows: tuple[TrainingRow, ...]  # one for each model
+    provenance: Provenance  # of the record
+
+
+def _median(spread: Range) -> str:
+    return f"{spread.median:.0f} ({spread.minimum}–{spread.maximum})"
+
+
+def _error(value: float) -> str:
+    """Three decimals; two digits of a value that would be 0.000."""
+    return f"{value:.3f}" if value >= 1e-3 else f"{value:.2g}"
+
+
+def _of_median(form: Callable[[float], str]) -> Callable[[Range], str]:
+    return lambda spread: form(spread.median)
+
+
+#: The table of models: medians over seeds, and their range.
+TRAINING_COLUMNS: tuple[Column[TrainingRow], ...] = (
+    Column("model", lambda row: row.name),
+    Column("training problems", lambda row: row.samples, ","),
+    Column("success, median (range)", lambda row: row.success_spread, _median),
+    Column("paper", lambda row: row.paper.success, "d"),
+    Column("at the plan's end", lambda row: row.success_at_plan_end_spread, _median),
+    Column("mean violation at knots, m", lambda row: row.knot_violation_spread, _of_median("{:.3f}".format)),
+    Column("paper", lambda row: row.paper.violation, ".3f"),
+    Column("… on the whole path", lambda row: row.violation_spread, _of_median("{:.3f}".format)),
+    Column("validation error", lambda row: row.validation_error_spread, _of_median(_error)),
+    Column("paper", lambda row: row.paper.validation_error, _error),
+    Column("test error", lambda row: row.test_error_spread, _of_median("{:.4f}".format)),
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -46,7 +46,7 @@ class GenerationEffort(Record):
         ``None`` where neither has the training set.
         """
         generation, data = (folder / f"{name}_{problem.id}.json" for name in ("generation", "data"))
-        splits: Mapping[str, Record] = Generation.at(generation).splits
+        splits: Mapping[str, Record] = read(generation, Generation, Generation(splits={})).splits
         if "training" not in splits and data.exists():
             splits = read(data, DataReport).splits
         return cls.from_json(splits["training"].to_json()) if "training" in splits else None

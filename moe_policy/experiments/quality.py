@@ -18,8 +18,8 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.experiments.data import contents
+from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline, renamed
-from moe_policy.experiments.totals import Totals
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import GuessKind, guesses

@@ -105,12 +105,14 @@ class Record:
         return _CONVERTER.unstructure(self)
 
 
-def read(path: str | os.PathLike[str], kind: type[R]) -> R:
-    """The record of type ``kind`` in the file ``path``.
+def read(path: str | os.PathLike[str], kind: type[R], default: R | None = None) -> R:
+    """The record of type ``kind`` in the file ``path``; the ``default``, if any, where there is none.
 
     Raises:
         ValueError: the file is not such a record; the message says where.
     """
+    if default is not None and not Path(path).exists():
+        return default
     try:
         return kind.from_json(json.loads(Path(path).read_text()))
     except ValueError as error:

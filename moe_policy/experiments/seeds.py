@@ -10,10 +10,14 @@ import numpy as np
 
 from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark.published import Published
+from moe_policy.experiments.figures.details import Details, DiscontinuityCase
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
+from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, renamed
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.data.samples import Samples
+from ocp_envs.support.provenance import Provenance
+
+Settings = dict[str, Scalar]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,3 +211,22 @@ class TrainingRow(Record):
         }
         lacking: dict[str, Any] = {name: (value,) for name, value in known.items() if getattr(self, name) is ABSENT}
         return replace(self, shipped_seed=(shipped.seed,), **lacking)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingComparison(Record):
+    """All trained models of a problem: ``compare_training_<env>.json``."""
+
+    settings: Settings | Absent = ABSENT  # of the training
+    #: settings of the planners that were trained on all instances, by name
+    whole: dict[str, Settings] | Absent = renamed("settings_on_all_problems", ABSENT)
+    rows: tuple[TrainingRow, ...]  # the models of the benchmark
+    ablation: tuple[TrainingRow, ...]  # single networks with other hidden layers
+    sizes: tuple[TrainingRow, ...]  # models from fewer training instances
+    clusters: dict[str, tuple[int, ...]] | Absent = ABSENT  # sizes of the clusters by partition, in older files
+    discontinuity: DiscontinuityCase | Absent = renamed("jump", ABSENT)  # the case of its figure, in older files
+    figures: Details | Absent = ABSENT  # what the figures show
+    env_id: str  # id of the problem
+    training_key: str | Absent = ABSENT  # of the training database
+    seconds: float  # duration of the run
+    provenance: Provenance  # of the record

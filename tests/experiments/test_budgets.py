@@ -10,9 +10,8 @@ import pytest
 
 from moe_policy.experiments.benchmark.parts import Benchmark, Learners, Planners
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets, Level, ShippedPlanner
-from moe_policy.experiments.curves import Curve
 from moe_policy.experiments.figures.budgets import budgets_figure
-from moe_policy.experiments.learner_budgets import ChosenActor, DevelopmentMetrics, LearnerBudget
+from moe_policy.experiments.learner_budgets import ChosenActor, Curve, DevelopmentMetrics, LearnerBudget
 from moe_policy.experiments.learners import CaseSet
 from moe_policy.experiments.planner_budgets import PlannerBudget, PlannerRow
 from moe_policy.experiments.records import read

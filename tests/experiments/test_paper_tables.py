@@ -1,4 +1,4 @@
-"""The summary, from the committed records."""
+"""The table of models; the summary, from the committed records."""
 
 import dataclasses
 from pathlib import Path
@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.benchmark import BENCHMARKS, benchmark_of
-from moe_policy.experiments.paper_tables import Source, SummaryTable, summarised, summary
+from moe_policy.experiments.benchmark.published import Published
+from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, Source, SummaryTable, summarised, summary
 from moe_policy.experiments.records import ABSENT, read
-from moe_policy.experiments.seeds import TrainingRow
-from moe_policy.experiments.training_tables import TrainingComparison
+from moe_policy.experiments.seeds import TrainingComparison, TrainingRow
+from moe_policy.experiments.tables import DASH, markdown_table
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.sets import reference
 from tests.experiments.test_seeds import model
@@ -50,3 +51,15 @@ def test_a_record_without_clusters_has_no_column():
     rows = [TrainingRow.of(name, [model(0)], benchmark_of(problem).published[name]) for name in ("snn", "moe-custom")]
     with pytest.raises(ValueError, match="expected a value of a mixture"):
         summary([Source(problem, [rows[0], dataclasses.replace(rows[1], cluster_sizes=ABSENT)], 10)])
+
+
+def test_the_table_of_models():
+    row = TrainingRow.of("moe-custom", [model(0, 985), model(1, 990), model(2, 999)], Published(success=998))
+    violated = TrainingRow.of("snn", [model(0, 990, violation=0.2)], Published(violation=0.3))
+    head, _, first, second = markdown_table([row, violated], TRAINING_COLUMNS).splitlines()
+    assert head.startswith("| model | training problems | success, median (range) | paper |")
+    assert (
+        first
+        == f"| moe-custom | 20 | 990 (985–999) | 998 | 495 (492–499) | {DASH} | {DASH} | {DASH} | 0.020 | 0.0100 |"
+    )
+    assert second == f"| snn | 20 | 990 (990–990) | {DASH} | 495 (495–495) | 0.200 | 0.300 | 0.200 | 0.020 | 0.0100 |"

@@ -8,28 +8,26 @@ from pathlib import Path
 import pytest
 
 from moe_policy.experiments.budgets import Budgets
-from moe_policy.experiments.choices import Margins, Sensitivity
-from moe_policy.experiments.comparison import Comparison
+from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.failures import Diagnosis
-from moe_policy.experiments.generation import Generation
-from moe_policy.experiments.hard_sets import HardSets
+from moe_policy.experiments.generation import Generation, HardSets
 from moe_policy.experiments.interruptions import Interruptions
 from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.learners import LearnerTraining, Search
 from moe_policy.experiments.overview import OverviewTable
-from moe_policy.experiments.paper_tables import SummaryTable
+from moe_policy.experiments.paper_tables import SummaryTable, TrainingTable
 from moe_policy.experiments.quality import Quality
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from moe_policy.experiments.robustness import Robustness
+from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.environments import EnvironmentSpeed
 from moe_policy.experiments.speed.generation import GenerationSpeed
 from moe_policy.experiments.speed.rollouts import RolloutSpeed
 from moe_policy.experiments.speed.solver import SolverSpeed
 from moe_policy.experiments.splits import SplitComparison
 from moe_policy.experiments.start_tables import StartTables
-from moe_policy.experiments.training_tables import TrainingComparison, TrainingTable
 from ocp_envs.support.provenance import Provenance, provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.benchmark.parts import Rise
-from moe_policy.experiments.choices import MarginRow
+from moe_policy.experiments.comparison import MarginRow
 from moe_policy.experiments.figures import cases, paths, rise, space
 from moe_policy.experiments.figures.style import COLORS, STYLE, cluster_color
 from moe_policy.experiments.figures.violations import margins_figure, violations_figure

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.records import ABSENT
 from moe_policy.experiments.speed import environments, generation, solver
-from moe_policy.experiments.totals import Totals
 from ocp_envs.data.settings import DEFAULT_GENERATION
 from ocp_envs.problems.pendulum import PENDULUM
 

@@ -11,9 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from moe_policy.experiments.budgets import Budgets
-from moe_policy.experiments.curves import Curve, band, over_seeds
 from moe_policy.experiments.figures.style import looks, save_figure
-from moe_policy.experiments.learner_budgets import ChosenActor, DevelopmentMetrics, LearnerBudget
+from moe_policy.experiments.learner_budgets import (
+    ChosenActor,
+    Curve,
+    DevelopmentMetrics,
+    LearnerBudget,
+    band,
+    over_seeds,
+)
 from moe_policy.experiments.planner_budgets import PlannerBudget, PlannerRow
 from moe_policy.rollouts.intervals import Spread
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from moe_policy.experiments.choices import MarginRow
+from moe_policy.experiments.comparison import MarginRow
 from moe_policy.experiments.figures.style import COLORS, save_figure
 
 if TYPE_CHECKING:

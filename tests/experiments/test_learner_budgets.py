@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from moe_policy.experiments.curves import Curve, band, over_seeds
+from moe_policy.experiments.learner_budgets import Curve, band, over_seeds
 from moe_policy.rl.settings import PPOSettings
 from tests.experiments.learner_records import training
 
