@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +12,12 @@ from ocp_envs.support.arrays import Array, Ints, frozen_array
 from ocp_envs.system import System
 from ocp_envs.trajectory import Trajectory
 
+if TYPE_CHECKING:
+    from ocp_envs.problem import OptimalControlProblem
+
 #: (problem, parameters (B, np), B trajectories, multipliers of the clearances at the knots (B, N, nh)) → family of each
-#: trajectory, (B,). The problem is an :class:`~ocp_envs.problem.OptimalControlProblem`, which imports this module.
-Classify = Callable[[Any, Array, Trajectory, Array], Ints]
+#: trajectory, (B,).
+Classify = Callable[["OptimalControlProblem", Array, Trajectory, Array], Ints]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +82,7 @@ class Modes:
         return len(self.names)
 
 
-def _all_in_one(problem: Any, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Ints:
+def _all_in_one(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Ints:
     return np.zeros(len(trajectory), dtype=np.int64)
 
 
@@ -93,7 +96,7 @@ def winding_modes(names: Sequence[str]) -> Modes:
         names: one for each row of ``goal.windings``.
     """
 
-    def classify(problem: Any, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Ints:
+    def classify(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Ints:
         distance = np.abs(trajectory.states[:, -1, None, :] - problem.targets).sum(axis=-1)
         return np.asarray(distance.argmin(axis=1), dtype=np.int64)
 

@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -30,13 +29,13 @@ from ocp_envs.picture import Picture
 from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.batch import BatchFunction, dense_function
 from ocp_envs.symmetry import Symmetry
-from ocp_envs.system import Box, System, rk4_step
+from ocp_envs.system import Box, Expression, System, rk4_step
 from ocp_envs.trajectory import Trajectory, flat_size
 
 #: (state, control, context, constants) → L, one expression; context and constants are namespaces.
-CostRate = Callable[[Sequence[Any], Sequence[Any], SimpleNamespace, SimpleNamespace], Any]
+CostRate = Callable[[Sequence[Expression], Sequence[Expression], SimpleNamespace, SimpleNamespace], Expression]
 #: (state, context, constants) → list of expressions that must stay ≥ 0, in metres where they are distances.
-Clearance = Callable[[Sequence[Any], SimpleNamespace, SimpleNamespace], Sequence[Any]]
+Clearance = Callable[[Sequence[Expression], SimpleNamespace, SimpleNamespace], Sequence[Expression]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +102,7 @@ class OptimalControlProblem:
         if not 0 < self.longest_substep < np.inf:
             raise ValueError(f"{self.id}: longest_substep must be positive and finite, got {self.longest_substep}")
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         # Without what was derived and cached.
         return OptimalControlProblem, tuple(getattr(self, field.name) for field in dataclasses.fields(self))
 
@@ -163,26 +162,28 @@ class OptimalControlProblem:
         """‖x − goal‖ of states (..., nx), with the shortest difference in periodic coordinates; (...)."""
         return np.asarray(np.linalg.norm(self.system.difference(states, self.goal.state), axis=-1))
 
-    def _namespaces(self, s: Any) -> tuple[SimpleNamespace, SimpleNamespace, dict[str, Any]]:
+    def _namespaces(self, s: Expression) -> tuple[SimpleNamespace, SimpleNamespace, dict[str, Expression]]:
         """Context and constants by name, and those of the context that replace constants."""
         context = dict(zip(self.context.names, ca.vertsplit(s))) if len(self.context) else {}
         replaced = {name: value for name, value in context.items() if name in self.system.constants}
         return SimpleNamespace(**context), SimpleNamespace(**{**self.system.constants, **replaced}), replaced
 
-    def rate(self, x: Any, u: Any, s: Any) -> Any:
+    def rate(self, x: Expression, u: Expression, s: Expression) -> Expression:
         """(ẋ, L) as one expression, (nx + 1, 1), in columns x (nx, 1), u (nu, 1), s (nc, 1)."""
         context, constants, replaced = self._namespaces(s)
         cost = self.cost_rate(ca.vertsplit(x), ca.vertsplit(u), context, constants)
         return ca.vertcat(self.system.derivative(x, u, replaced), cost)
 
-    def clearances(self, x: Any, s: Any) -> Any:
+    def clearances(self, x: Expression, s: Expression) -> Expression:
         """h, (nh, 1), as an expression in columns x (nx, 1) and s (nc, 1); empty without path constraints."""
         if self.clearance is None:
             return type(x)(0, 1)
         context, constants, _ = self._namespaces(s)
         return ca.vertcat(*self.clearance(ca.vertsplit(x), context, constants))
 
-    def flow(self, x: Any, u: Any, s: Any, h: Any, substeps: int, disturbance: Any = 0) -> tuple[Any, Any]:
+    def flow(
+        self, x: Expression, u: Expression, s: Expression, h: Expression, substeps: int, disturbance: Expression = 0
+    ) -> tuple[Expression, Expression]:
         """The state after ``h`` seconds and the cost of the step: the Runge-Kutta map of simulator and solver.
 
         Args:
@@ -192,7 +193,7 @@ class OptimalControlProblem:
             disturbance: (nx, 1), added to ẋ.
         """
 
-        def derivative(y: Any) -> Any:
+        def derivative(y: Expression) -> Expression:
             rate = self.rate(y[: self.system.nx], u, s)
             return rate + ca.vertcat(disturbance, 0) if not isinstance(disturbance, int) else rate
 
@@ -234,7 +235,7 @@ class OptimalControlProblem:
         x, _, s = self.symbols()
         return BatchFunction(dense_function("clearances", [x, s], [self.clearances(x, s)]))
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> OptimalControlProblem:
+    def __deepcopy__(self, memo: dict[int, object]) -> OptimalControlProblem:
         return self  # a value, and its functions could not be copied
 
     def with_constants(self, **values: float) -> OptimalControlProblem:

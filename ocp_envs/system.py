@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType, SimpleNamespace
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -24,17 +24,22 @@ from numpy.typing import NDArray
 
 from ocp_envs.support.arrays import Array, frozen_array
 
+#: A CasADi expression, SX, MX or DM, or a NumPy array where a declaration is evaluated on numbers. CasADi has no type
+#: stubs.
+Expression: TypeAlias = Any
 #: f(state, control, constants): sequences of scalar expressions and a namespace of constants → list of ẋ.
-Dynamics = Callable[[Sequence[Any], Sequence[Any], SimpleNamespace], Sequence[Any]]
+Dynamics = Callable[[Sequence[Expression], Sequence[Expression], SimpleNamespace], Sequence[Expression]]
 
 
-def wrap(difference: Any, period: float) -> Any:
+def wrap(difference: Expression, period: float) -> Expression:
     """``difference`` (NumPy array or CasADi expression) shifted by whole periods into [-period/2, period/2)."""
     floor = ca.floor if isinstance(difference, (ca.SX, ca.MX)) else np.floor
     return difference - period * floor(difference / period + 0.5)
 
 
-def rk4_step(derivative: Callable[[Any], Any], x: Any, h: Any, substeps: int = 1) -> Any:
+def rk4_step(
+    derivative: Callable[[Expression], Expression], x: Expression, h: Expression, substeps: int = 1
+) -> Expression:
     """The Runge-Kutta map of order four, for numbers and CasADi expressions.
 
     Args:
@@ -171,7 +176,7 @@ class System:
         if rate.shape != (self.nx, 1):
             raise ValueError(f"{self.name}: dynamics returned {rate.shape[0]} components, expected {self.nx}")
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         # A read-only mapping does not pickle; functions travel by reference, or by value with cloudpickle.
         return System, (self.name, self.state, self.control, dict(self.constants), self.dynamics)
 
@@ -183,7 +188,7 @@ class System:
     def nu(self) -> int:
         return len(self.control)
 
-    def derivative(self, x: Any, u: Any, constants: Mapping[str, Any]) -> Any:
+    def derivative(self, x: Expression, u: Expression, constants: Mapping[str, Expression]) -> Expression:
         """ẋ (nx, 1) as an expression in columns ``x`` and ``u``; ``constants`` replace nominal values by name."""
         namespace = SimpleNamespace(**{**self.constants, **constants})
         return ca.vertcat(*self.dynamics(ca.vertsplit(x), ca.vertsplit(u), namespace))
@@ -199,7 +204,7 @@ class System:
             raise ValueError(f"{self.name} has no constant {unknown}; its constants are {sorted(self.constants)}")
         return dataclasses.replace(self, constants={**self.constants, **values})
 
-    def difference(self, a: Any, b: Any) -> Any:
+    def difference(self, a: Expression, b: Expression) -> Expression:
         """a − b, with the shortest difference in periodic coordinates: the only place where angles are wrapped.
 
         Args:

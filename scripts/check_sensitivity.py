@@ -15,7 +15,7 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import cast
 
 import ocp_envs
 from moe_policy.control.weights import TrackingWeights
@@ -26,15 +26,19 @@ from moe_policy.experiments.methods import Method, solutions
 from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
+from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.quadcopter import QUADCOPTER, cost_rate
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.provenance import provenance
+from ocp_envs.system import Expression
 
 
-def swapped_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+def swapped_rate(
+    state: Sequence[Expression], control: Sequence[Expression], context: SimpleNamespace, c: SimpleNamespace
+) -> Expression:
     """The cost rate with the weights of velocity and angles exchanged."""
     return cost_rate([*state[:3], *state[6:9], *state[3:6], *state[9:]], control, context, c)
 
@@ -62,7 +66,8 @@ def main() -> None:
     rows = [row]
     for name in benchmark.planners.compared:
         with WorkerPool(arguments.workers) as pool:
-            planner: Any = recipes.make(name, training, settings=benchmark.training.settings, executor=pool)
+            made = recipes.make(name, training, settings=benchmark.training.settings, executor=pool)
+        planner = cast(NetworkPlanner, made)
         method = Method(name, planner, solutions(len(training)), planner.details["training"]["seconds"])
         row, _ = run(SWAPPED, method, p, optimal=optimal, baseline=baseline, weights=weights, batches=())
         rows.append(row)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.rl import training as baselines
 from moe_policy.rollouts.episodes import Episodes
@@ -69,7 +70,8 @@ def trained(
     methods = [Method("nearest", NearestPlanner(samples), solutions(len(samples)))]
     for name in benchmark.planners.compared:
         with WorkerPool() as pool:
-            planner: Any = recipes.make(name, samples, settings=benchmark.training.settings, seed=seed, executor=pool)
+            made = recipes.make(name, samples, settings=benchmark.training.settings, seed=seed, executor=pool)
+        planner = cast(NetworkPlanner, made)
         planner.save(folder / name)
         seconds = planner.details["training"]["seconds"]
         cli.say(f"{name}: trained in {seconds:.0f} s")

@@ -15,7 +15,7 @@ from __future__ import annotations
 import re
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from moe_policy.learning.clustering import cluster
 from moe_policy.learning.joint import fit_mixture_jointly, retrain
@@ -37,6 +37,14 @@ FORMS = (
     "moe-retrained-softmax-<epsilon>",
     "nearest",
 )
+
+
+class _Common(TypedDict):
+    """Arguments that all trainings take."""
+
+    settings: TrainingSettings
+    seed: int
+    checkpoints: Path | None
 
 
 def make(
@@ -64,7 +72,7 @@ def make(
     """
     if name == "nearest":
         return NearestPlanner(database)
-    how: Any = {"settings": settings, "seed": seed, "checkpoints": checkpoints}
+    how: _Common = {"settings": settings, "seed": seed, "checkpoints": checkpoints}
     if name == "snn":
         return fit_single(database, **how)
     if name == "moe-custom":

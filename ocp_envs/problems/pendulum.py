@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -25,12 +24,12 @@ from ocp_envs.goal import Goal, winding_modes
 from ocp_envs.picture import Ball, Line, Picture, Shape
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
-from ocp_envs.system import Box, Coordinate, System
+from ocp_envs.system import Box, Coordinate, Expression, System
 
 CONSTANTS = {"mass": 1.0, "length": 1.0, "gravity": 1.0, "torque_gain": 1.0}
 
 
-def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -> list[Any]:
+def dynamics(state: Sequence[Expression], control: Sequence[Expression], c: SimpleNamespace) -> list[Expression]:
     """ẋ of ``state`` and ``control`` with the constants ``c``."""
     theta, omega = state
     (u,) = control
@@ -38,7 +37,9 @@ def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -
     return [omega, torque / (c.mass * c.length**2)]
 
 
-def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+def cost_rate(
+    state: Sequence[Expression], control: Sequence[Expression], context: SimpleNamespace, c: SimpleNamespace
+) -> Expression:
     """L of ``state`` and ``control``, whatever ``context`` and the constants ``c``."""
     (u,) = control
     return 1 + u**2

@@ -27,7 +27,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -39,7 +38,7 @@ from ocp_envs.picture import Ball, Face, Line, Picture, Shape, disc
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.symmetry import Symmetry
-from ocp_envs.system import Box, Coordinate, System
+from ocp_envs.system import Box, Coordinate, Expression, System
 from ocp_envs.trajectory import Trajectory
 
 CONSTANTS = {
@@ -68,7 +67,7 @@ NEGLIGIBLE = 1e-6
 INACTIVE = 1e-4
 
 
-def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -> list[Any]:
+def dynamics(state: Sequence[Expression], control: Sequence[Expression], c: SimpleNamespace) -> list[Expression]:
     """ẋ of ``state`` and ``control`` with the constants ``c``."""
     _, _, _, vx, vy, vz, phi, theta, psi, p, q, r = state
     u1, u2, u3, u4 = control
@@ -93,12 +92,14 @@ def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -
     ]
 
 
-def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+def cost_rate(
+    state: Sequence[Expression], control: Sequence[Expression], context: SimpleNamespace, c: SimpleNamespace
+) -> Expression:
     """L of ``state`` and ``control``, whatever ``context`` and the constants ``c``."""
     return 10 + sum(w * x**2 for w, x in zip(STATE_WEIGHTS, state)) + sum(u**2 for u in control)
 
 
-def clearance(state: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> list[Any]:
+def clearance(state: Sequence[Expression], context: SimpleNamespace, c: SimpleNamespace) -> list[Expression]:
     """Distance of ``state`` from the sphere in ``context``, metres, whatever the constants ``c``."""
     x, y, z = state[:3]
     # A power, not ca.sqrt: sampling calls this with NumPy arrays.

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from types import SimpleNamespace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,21 +25,23 @@ from ocp_envs.goal import Goal, Modes, winding_modes
 from ocp_envs.picture import Line, Picture, Shape
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
-from ocp_envs.system import Box, Coordinate, System
+from ocp_envs.system import Box, Coordinate, Expression, System
 from ocp_envs.trajectory import Trajectory
 
 CONSTANTS = {"steering_gain": 1.0, "speed_gain": 1.0}
 WINDINGS = (-1, 0, 1)
 
 
-def dynamics(state: Sequence[Any], control: Sequence[Any], c: SimpleNamespace) -> list[Any]:
+def dynamics(state: Sequence[Expression], control: Sequence[Expression], c: SimpleNamespace) -> list[Expression]:
     """ẋ of ``state`` and ``control`` with the constants ``c``."""
     _, _, theta, v = state
     u_theta, u_v = control
     return [v * ca.sin(theta), v * ca.cos(theta), c.steering_gain * u_theta * v, c.speed_gain * u_v]
 
 
-def cost_rate(state: Sequence[Any], control: Sequence[Any], context: SimpleNamespace, c: SimpleNamespace) -> Any:
+def cost_rate(
+    state: Sequence[Expression], control: Sequence[Expression], context: SimpleNamespace, c: SimpleNamespace
+) -> Expression:
     """L of ``state`` and ``control``, whatever ``context`` and the constants ``c``."""
     u_theta, u_v = control
     return 10 + u_theta**2 + u_v**2

@@ -15,12 +15,10 @@ than the path does, so these bounds tell where an interpolated path decides and 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -32,6 +30,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
+from ocp_envs.system import Expression
 from ocp_envs.trajectory import Trajectory
 
 TABLE = "paths"
@@ -106,13 +105,13 @@ def clearance_along(problem: OptimalControlProblem, points: Array, contexts: Arr
         contexts: (K, nc).
     """
     assert problem.clearance is not None
-    state: list[Any] = [0.0] * problem.system.nx
+    state: list[Expression] = [0.0] * problem.system.nx
     for index, column in zip(coordinates(problem), points.T):
         state[index] = column[None]
     context = {name: values[:, None] for name, values in zip(problem.context.names, contexts.T)}
     replaced = {name: values for name, values in context.items() if name in problem.system.constants}
     constants = SimpleNamespace(**{**problem.system.constants, **replaced})
-    values: Sequence[Any] = problem.clearance(state, SimpleNamespace(**context), constants)
+    values = problem.clearance(state, SimpleNamespace(**context), constants)
     return np.minimum.reduce([np.broadcast_to(value, (len(contexts), len(points))) for value in values])
 
 
@@ -167,8 +166,8 @@ class PathTable:
     def _splines(self) -> tuple[RBFInterpolator, RBFInterpolator]:
         """In all paths and in every fourth."""
         values, places = self.spines.reshape(len(self.spines), -1), self.parameters / self.scale
-        how: dict[str, Any] = {"neighbors": min(_NEIGHBOURS, len(values) // 4), "kernel": "cubic", "degree": 2}
-        return RBFInterpolator(places, values, **how), RBFInterpolator(places[::4], values[::4], **how)
+        interpolate = partial(RBFInterpolator, neighbors=min(_NEIGHBOURS, len(values) // 4), kernel="cubic", degree=2)
+        return interpolate(places, values), interpolate(places[::4], values[::4])
 
     def __call__(self, parameters: Array) -> tuple[Array, Array]:
         """Dense paths (B, points, m) of parameters (B, np), and their distances from the second interpolation, (B,)."""
@@ -200,14 +199,14 @@ def shipped(problem: OptimalControlProblem) -> PathTable | None:
     free = distribution.free
     if not distribution.tabulated or not tables.path_of(free, TABLE).is_file():
         return None
-    arrays: dict[str, Any] = tables.load(free, TABLE)
+    arrays = tables.load(free, TABLE)
     names = [problem.system.state.names[i] for i in coordinates(problem)]
     if arrays["coordinates"].tolist() != names:
         return None
-    spines = np.asarray(arrays["spines"], dtype=np.float64)
-    return PathTable(
-        free.parameters.width, arrays["parameters"], spines, float(arrays["error"]), float(arrays["ratio"])
+    parameters, spines, error, ratio = (
+        np.asarray(arrays[key], dtype=np.float64) for key in ("parameters", "spines", "error", "ratio")
     )
+    return PathTable(free.parameters.width, parameters, spines, float(error), float(ratio))
 
 
 def ship(problem: OptimalControlProblem, table: PathTable) -> Path:
