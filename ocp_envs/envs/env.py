@@ -83,10 +83,6 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         TypeError: an argument that is not in this list.
         ValueError: an argument out of its range.
         UnknownProblemError: no problem of that name.
-
-    ## Version History
-
-    * v0: initial version.
     """
 
     _shown = 0
@@ -155,8 +151,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
         """Advance the episode by one control step under ``action``, the control (nu,), clipped to its bounds.
 
-        Returns:
-            Observation, reward, terminated, truncated, ``info``.
+        Returned are observation, reward, terminated, truncated and ``info``.
 
         Raises:
             ResetNeeded: the episode is over or has not begun.

@@ -26,10 +26,8 @@ class Generators:
     def seed(self, seed: int | Sequence[int | None] | None, rows: Ints) -> None:
         """Restart the generators of ``rows``, and start those of rows that have none.
 
-        An integer ``seed`` s seeds row i with s + i; a sequence holds a seed for each row, or ``None`` to leave it.
-
-        Raises:
-            ValueError: a sequence of another length.
+        An integer ``seed`` s seeds row i with s + i; a sequence holds a seed for each row, or ``None`` to leave it; one
+        of another length raises a ``ValueError``.
         """
         if seed is None:
             return

@@ -142,10 +142,7 @@ class Options:
         return gym.spaces.Box(box.lower.astype(np.float32), box.upper.astype(np.float32), dtype=np.float32)
 
     def charge(self, steps: int | Ints) -> Any:
-        """Cost charged for leaving the operating box after ``steps`` completed control steps, an integer or an array.
-
-        Nothing that an episode could do in the time left costs more.
-        """
+        """Cost charged for leaving the box after ``steps`` control steps: the largest that the time left allows."""
         return largest_cost_rate(self.problem) * self.dt * (self.max_steps - steps)
 
     def draw_parameters(self, generators: Sequence[np.random.Generator]) -> Array:

@@ -183,9 +183,5 @@ class Simulator:
         return Step(following, cost, reached > 0, violation, left_box > 0)
 
     def control_step(self, rows: int, disturbed: bool = False) -> ControlStep:
-        """One control step of ``rows`` rows in place; ``disturbed`` says whether it takes a disturbance.
-
-        Raises:
-            ValueError: fewer than one row.
-        """
+        """One control step of ``rows`` ≥ 1 rows in place; ``disturbed`` says whether it takes a disturbance."""
         return ControlStep((self._disturbed if disturbed else self._plain).bind(rows))

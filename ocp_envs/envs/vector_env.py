@@ -135,10 +135,8 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
     def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, Bools, Bools, Info]:
         """Advance the episodes by one control step; rows whose episode is over stand still.
 
-        ``actions`` are the controls, (num_envs, nu), clipped to their bounds.
-
-        Returns:
-            Observations, rewards, terminated, truncated, each of ``num_envs`` rows, and ``info``.
+        ``actions`` are the controls, (num_envs, nu), clipped to their bounds. Returned are observations, rewards,
+        terminated, truncated, each of ``num_envs`` rows, and ``info``.
 
         Raises:
             ResetNeeded: before the first :meth:`reset`.

@@ -16,15 +16,13 @@ from ocp_envs.trajectory import Trajectory
 def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes: Axes = None) -> NDArray[Any]:
     """Plot the states and controls of trajectories against time, one panel per coordinate.
 
-    Targets of the state are dotted lines, bounds of the control dashed ones.
+    Targets of the state are dotted lines, bounds of the control dashed ones. Returned are the axes, (nx + nu,), states
+    first; ``axes[0].figure`` is the figure.
 
     Args:
         problem: the problem that the trajectories belong to.
         trajectory: a batch; each member is a line.
         axes: nx + nu Matplotlib axes to draw into; a new figure by default.
-
-    Returns:
-        The axes, (nx + nu,), states first; ``axes[0].figure`` is the figure.
 
     Raises:
         ValueError: another number of axes.

@@ -5,14 +5,12 @@ A picture is flat or in space, as the number of limits of the problem's :class:`
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.picture import Picture
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.render.plane import Plane, PlaneCurve
+from ocp_envs.render.plane import Plane
 from ocp_envs.render.space import Space, SpaceCurve
 from ocp_envs.render.style import DASHES, GOAL, GREY, INK, PATH, PLAN, Artist, matplotlib
 from ocp_envs.support.arrays import Array
@@ -46,21 +44,17 @@ class Scene:
         self.stage: Plane | Space
         goal = self.picture.trace(problem.goal.state[None])
         if self.picture.dimensions == 3:
-            space = Space(self.figure, (0.0, 0.07, 1.0, 0.88), self.picture)
-            self.stage, opacity = space, 0.85
-            self._ring(ms=13, mew=2.2).set(goal)
-            self._shadows: _Shadows | None = _Shadows(space, goal)
+            self.stage = Space(self.figure, (0.0, 0.07, 1.0, 0.88), self.picture)
+            opacity, ring = 0.85, {"ms": 13, "mew": 2.2}
         else:
-            self.stage, opacity = Plane(self.figure, (0.02, 0.08, 0.96, 0.84), self.picture), 0.55
-            self._ring(ms=20, mew=2.5).set(goal)
-            self._shadows = None
+            self.stage = Plane(self.figure, (0.02, 0.08, 0.96, 0.84), self.picture)
+            opacity, ring = 0.55, {"ms": 20, "mew": 2.5}
+        self.stage.curve("goal", ls="none", marker="o", mfc="none", mec=GOAL, **ring).set(goal)
+        self._shadows = _Shadows(self.stage, goal) if isinstance(self.stage, Space) else None
         self._path = self.stage.curve("trail", color=PATH, lw=2, solid_capstyle="round", alpha=opacity)
         self._plan = self.stage.curve("plan", color=PLAN, **DASHES)
-        self._legend: Artist = None
+        self._legend = self._add_legend()
         self._write()
-
-    def _ring(self, **style: Any) -> PlaneCurve | SpaceCurve:
-        return self.stage.curve("goal", ls="none", marker="o", mfc="none", mec=GOAL, **style)
 
     def _write(self) -> None:
         """Title, caption, time and cost."""
@@ -86,10 +80,7 @@ class Scene:
             self._shadows.follow(path)
         ahead = np.empty((0, self.picture.dimensions)) if plan is None else _smooth(self.picture.trace(plan))
         self._plan.set(ahead)
-        if plan is not None and self._legend is None:
-            self._legend = self._add_legend()
-        if self._legend is not None:
-            self._legend.set_visible(plan is not None)
+        self._legend.set_visible(plan is not None)
         self._clock.set_text(f"t = {time:5.2f} s")
         self._cost.set_text(f"cost = {cost:6.2f}")
 
