@@ -268,8 +268,8 @@ def test_a_distribution_that_is_not_known_cannot_be_sampled():
         def check(self, problem):
             pass
 
-        def draw(self, problem, rng):
-            return problem.parameters.lower
+        def draw(self, problem, generators):
+            return np.tile(problem.parameters.lower, (len(generators), 1))
 
         def over(self, change):
             return self
