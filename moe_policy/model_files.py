@@ -64,23 +64,11 @@ def _pair(path: str | os.PathLike[str]) -> tuple[Path, Path]:
 
 
 def write_model(
-    path: str | os.PathLike[str],
-    kind: Kind,
-    problem: OptimalControlProblem,
-    tensors: Tensors,
-    description: Json,
+    path: str | os.PathLike[str], kind: Kind, problem: OptimalControlProblem, tensors: Tensors, description: Json
 ) -> None:
-    """Write ``<path>.safetensors`` and ``<path>.json``, each atomically; folders are made as needed.
-
-    Args:
-        path: with or without one of the two suffixes.
-        kind: which reader makes the planner or the policy again.
-        problem: what the model is for.
-        tensors: arrays by name.
-        description: what else the reader needs, as JSON; finite numbers only.
-
-    Raises:
-        ValueError: an unknown kind.
+    """Write ``tensors`` to ``<path>.safetensors`` and everything else to ``<path>.json``, each atomically; folders are
+    made as needed. The file names the ``kind`` of reader and the ``problem``, and holds the ``description`` for the
+    reader: JSON with finite numbers only.
     """
     if kind not in get_args(Kind):
         raise ValueError(f"unknown kind of model {kind!r}; known are {sorted(get_args(Kind))}")

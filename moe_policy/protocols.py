@@ -15,7 +15,6 @@ class Planner(Protocol):
 
     def __call__(self, parameters: Array, /) -> Trajectory:
         """The plans of parameters (B, np), B of them; NaN where planning failed."""
-        ...
 
 
 @runtime_checkable
@@ -27,11 +26,7 @@ class Policy(Protocol):
     """
 
     def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = True,
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
         """The controls of one control step, and the recurrent state for the next call.
 
@@ -41,7 +36,6 @@ class Policy(Protocol):
             episode_start: whether each episode of the batch starts now, (B,).
             deterministic: whether the policy's mean control is taken rather than a random one.
         """
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +65,6 @@ class PlanningPolicy(Policy, Protocol):
 
     def start(self, parameters: Array) -> Any:
         """The recurrent state at the beginning of episodes with ``parameters`` (B, np)."""
-        ...
 
     def schedule(self, state: Any) -> Schedule:
         """The schedule of episodes with the recurrent ``state`` of :meth:`start`."""
-        ...

@@ -44,12 +44,9 @@ class Split:
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Inputs and wanted outputs of a network. These are arrays, not tensors, so that they can go to another process.
-
-    Args:
-        x: standardised parameters p, (M, np) in float32.
-        y: wanted outputs: standardised flat trajectories (M, flat_size) in float32, or classes (M,) in int64.
-        split: the rows that train and the rows that test.
+    """Inputs ``x`` of a network, standardised p (M, np) in float32, and its wanted outputs ``y``, standardised flat
+    trajectories (M, flat_size) in float32 or classes (M,) in int64; ``split`` says which rows train and which test.
+    These are arrays, not tensors, so that they can go to another process.
     """
 
     x: NDArray[np.float32]

@@ -27,14 +27,11 @@ _IDENTIFYING = 100
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """What is minimised, and how.
+    """What is minimised, and how; ``name`` is that of the part, for the report and the progress bar.
 
     Args:
-        name: of the part, for the report and the progress bar.
         parameters: the weights that are changed.
-        loss: mean loss of a batch.
-        examples: what it is evaluated on.
-        batch: size of a minibatch.
+        loss: mean loss of a batch of ``examples``, in minibatches of ``batch`` samples.
         settings: epochs, patience and learning rate.
         order: source of the order of the minibatches.
         settled: first epoch whose weights may be kept, for a loss that changes before.
@@ -154,13 +151,9 @@ class Progress:
 
 
 def minimise(objective: Objective, checkpoint: Path | None = None, progress_bar: bool | None = None) -> PartReport:
-    """Minimise ``objective``, whose parameters hold the best weights afterwards.
-
-    Args:
-        objective: what is minimised, and how.
-        checkpoint: file of the state, written every minute and at the end; where it exists, the minimisation continues
-            from it and ends with the same weights as one that was not interrupted.
-        progress_bar: show a bar; by default on a terminal.
+    """Minimise ``objective``, whose parameters hold the best weights afterwards. Its state is written to the file
+    ``checkpoint`` every minute and at the end; where that exists, the minimisation continues from it and ends with the
+    same weights as one that was not interrupted. ``progress_bar`` shows a bar, by default on a terminal.
     """
     file = None if checkpoint is None else Checkpoint(checkpoint, objective.identity())
     progress = Progress(objective)

@@ -46,15 +46,13 @@ def batch_order(seed: int, stream: int) -> torch.Generator:
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """The training of one network on its own.
+    """The training of one network on its own, called ``name`` in its report.
 
     Args:
-        name: of the part, for the report.
         sizes: layer sizes, input and output included.
-        stream: number of its random streams.
+        stream: number of its random streams, which depend on ``seed`` as well.
         examples: what it learns; a network that learns classes is a gate.
         settings: how it is trained.
-        seed: of the training.
         checkpoint: file of its state, ``None`` to keep none.
     """
 

@@ -45,12 +45,9 @@ def _scaled(scaler: Standardizer, read: _Read, count: int) -> NDArray[np.float32
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """Samples made ready for a training.
+    """Samples of ``problem`` made ready for a training with ``settings`` and ``seed``.
 
     Args:
-        problem: what the samples are solutions of.
-        settings: how networks are trained.
-        seed: of the training.
         inputs: scaler of p.
         outputs: scaler of flat trajectories.
         examples: standardised p (M, np) and flat trajectories (M, flat_size), and the split; in files where they are
@@ -75,14 +72,8 @@ class Prepared:
         scalers: tuple[Standardizer, Standardizer] | None = None,
         checkpoints: Path | None = None,
     ) -> Prepared:
-        """Split the samples of ``database`` at random by ``seed``, and scale them.
-
-        Args:
-            database: a Database or its samples.
-            settings: how networks are trained.
-            seed: decides the split.
-            scalers: of inputs and outputs; by default those of the training split.
-            checkpoints: folder of this training's checkpoints, ``None`` to keep none.
+        """Split the samples of ``database`` as ``seed`` and ``settings`` say, and scale them by the ``scalers`` of
+        inputs and outputs, by default those of the training split. The folder ``checkpoints`` is kept for the training.
         """
         samples = samples_of(database)
         count = len(samples.parameters)
@@ -106,15 +97,15 @@ class Prepared:
         return Part(name, sizes, stream, examples.compact(), self.settings, self.seed, self.checkpoint(name))
 
     def regressor(self, name: str, hidden: Hidden, stream: int, split: Split | None = None) -> Part:
-        """The training of a network ``name`` with ``hidden`` layers and the random ``stream``, to predict the
-        trajectories of ``split``, by default of all.
+        """The training of the network ``name`` with ``hidden`` layers and the random stream ``stream``, which predicts
+        the trajectories of ``split``, by default of all samples.
         """
         examples = self.examples if split is None else dataclasses.replace(self.examples, split=split)
         return self._part(name, layer_sizes(self.problem, hidden), stream, examples)
 
     def classifier(self, name: str, hidden: Hidden, stream: int, classes: Ints, count: int) -> Part:
-        """The training of a network ``name`` with ``hidden`` layers and the random ``stream``, to predict the
-        ``classes`` (M,), integers in 0 … ``count`` − 1, of all samples.
+        """The training of the network ``name`` with ``hidden`` layers and the random stream ``stream``, which predicts
+        the class of every sample, ``classes`` (M,) in 0 … ``count`` − 1.
         """
         examples = dataclasses.replace(self.examples, y=np.array(classes))
         return self._part(name, layer_sizes(self.problem, hidden, count), stream, examples)
@@ -122,8 +113,8 @@ class Prepared:
     def planner(
         self, name: str, network: Network, mixing: Mixing, parts: Sequence[PartReport], **details: Any
     ) -> NetworkPlanner:
-        """The planner ``name`` of a trained ``network`` with its ``mixing`` and the record of its training: reports of
-        its ``parts`` and other ``details``, as JSON.
+        """The planner called ``name``: a trained ``network``, its ``mixing``, and the record of its training with the
+        reports of its ``parts`` and further ``details``, as JSON.
         """
 
         def loss(x: Tensor, y: Tensor, epoch: int) -> Tensor:

@@ -1,20 +1,12 @@
-"""How each named planner is trained.
-
-snn                          one network
-moe-custom                   a mixture over the problem's own solution families, trained decoupled
-moe-kmeans-<k>               the same over k-means clusters of the trajectories
-moe-kmeans-pca-<k>           the same after a projection on 5 principal components
-moe-random                   a mixture with as many experts as moe-custom, trained jointly from random weights
-moe-retrained-argmax         moe-custom, retrained as one network with argmax
-moe-retrained-softmax-<ε>    the same with softmax at ε, for instance 1 or 0.1
-nearest                      the stored solution of the nearest stored parameter
-"""
+"""How each named planner is trained."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from pathlib import Path
+from types import MappingProxyType
 from typing import TypedDict
 
 from moe_policy.learning.clustering import cluster
@@ -27,15 +19,18 @@ from moe_policy.planners.networks import ARGMAX, Mixing, Softmax
 from ocp_envs.data.samples import Samples, SampleSource
 
 PRINCIPAL_COMPONENTS = 5
-FORMS = (
-    "snn",
-    "moe-custom",
-    "moe-kmeans-<k>",
-    "moe-kmeans-pca-<k>",
-    "moe-random",
-    "moe-retrained-argmax",
-    "moe-retrained-softmax-<epsilon>",
-    "nearest",
+#: The names of planners, and what each is.
+FORMS: Mapping[str, str] = MappingProxyType(
+    {
+        "snn": "one network",
+        "moe-custom": "a mixture over the problem's own solution families, trained decoupled",
+        "moe-kmeans-<k>": "the same over k-means clusters of the trajectories",
+        "moe-kmeans-pca-<k>": f"the same after a projection on {PRINCIPAL_COMPONENTS} principal components",
+        "moe-random": "a mixture with as many experts as moe-custom, trained jointly from random weights",
+        "moe-retrained-argmax": "moe-custom, retrained as one network with argmax",
+        "moe-retrained-softmax-<epsilon>": "the same with softmax at epsilon, for instance 1 or 0.1",
+        "nearest": "the stored solution of the nearest stored parameter",
+    }
 )
 
 
@@ -59,7 +54,7 @@ def make(
     """Make the planner called ``name`` from a database.
 
     Args:
-        name: one of :data:`FORMS`, see the table above.
+        name: one of :data:`FORMS`.
         database: a Database or its samples.
         settings: how networks are trained.
         seed: of clustering and training.

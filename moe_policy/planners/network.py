@@ -57,14 +57,14 @@ class NetworkPlanner:
     report: TrainingReport | None = None
 
     def __post_init__(self) -> None:
-        network = self.network
-        experts: list[Any] = list(network.experts) if isinstance(network, MixtureOfExperts) else [network]
+        # The experts of a mixture have the same inputs and outputs.
+        sizes: Any = (self.network.experts[0] if isinstance(self.network, MixtureOfExperts) else self.network).sizes
+        networks, scalers = (sizes[0], sizes[-1]), (len(self.inputs), len(self.outputs))
         expected = (len(self.problem.parameters), self.problem.flat_size)
-        ends = {(expert.sizes[0], expert.sizes[-1]) for expert in experts}
-        if ends != {expected} or (len(self.inputs), len(self.outputs)) != expected:
+        if not networks == scalers == expected:
             raise ValueError(
                 f"{self.problem.id}: expected networks and scalers from {expected[0]} to {expected[1]} values, got "
-                f"networks {sorted(ends)} and scalers {(len(self.inputs), len(self.outputs))}"
+                f"networks {networks} and scalers {scalers}"
             )
 
     def _scaled(self, p: ArrayLike) -> torch.Tensor:

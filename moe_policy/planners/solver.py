@@ -18,6 +18,7 @@ from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses, random
 from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
 #: Number of nearest samples considered as warm starts, and the problems with a number of their own: round the sphere
@@ -50,7 +51,7 @@ class BatchSolver(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class _Attempts:
+class _Attempts(Batch):
     """Guesses for some of B instances: the instance's row, the guess and the winding of each."""
 
     row: Ints
@@ -113,27 +114,24 @@ class SolverPlanner:
         return self.best(p)[0]
 
     def best(self, p: ArrayLike) -> tuple[Trajectory, Array]:
-        """The cheapest verified solutions for ``p`` (B, np) or (np,) and their costs (B,); NaN and +inf where there is
-        none.
+        """The cheapest verified solutions for ``p`` (B, np) or (np,), in its box or not, and their costs (B,); NaN and
+        +inf where there is none.
         """
         checked = self.problem.check_parameters(p, extrapolate=True)
         usual = [random_kind(self.problem)] * self.random_guesses
         trajectory, cost = self._best(checked, usual, retry_with_fallback=False)
-        unsolved = np.flatnonzero(~np.isfinite(cost))
-        if not len(unsolved):
+        unsolved = ~np.isfinite(cost)
+        if not unsolved.any():
             return trajectory, cost
         again, cost[unsolved] = self._best(checked[unsolved], ["line", *usual], retry_with_fallback=True)
-        merged = trajectory.flat()
-        merged[unsolved] = again.flat()
-        return self.problem.unflatten(merged), cost
+        return trajectory.replaced(unsolved, again), cost
 
     def _best(self, p: Array, kinds: Sequence[GuessKind], retry_with_fallback: bool) -> tuple[Trajectory, Array]:
         """The best solution from warm starts and from a guess of each of ``kinds`` to each winding."""
         if not len(p):
             return self.problem.unflatten(np.empty((0, self.problem.flat_size))), np.empty(0)
-        attempts = [*self._warm_starts(p), *self._random_guesses(p, kinds)]
-        row, winding = (np.concatenate([getattr(a, name) for a in attempts]) for name in ("row", "winding"))
-        guess = Trajectory.concatenate([a.guess for a in attempts])
+        attempts = _Attempts.concatenate([*self._warm_starts(p), *self._random_guesses(p, kinds)])
+        row, guess, winding = attempts.row, attempts.guess, attempts.winding
         solutions = self.solver.solve(p[row], guess, winding, retry_with_fallback=retry_with_fallback)
         # Sorted by row, then by cost: the first of every row is its best.
         order = np.lexsort((solutions.cost, row))
