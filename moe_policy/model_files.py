@@ -106,10 +106,8 @@ def read_model(path: str | os.PathLike[str]) -> ModelFile:
     if not isinstance(description, dict) or description.get("format") != FORMAT:
         raise ModelFileError(f"{json_path} does not describe a model: expected 'format': {FORMAT!r}")
     if description.get("version") != VERSION:
-        raise ModelFileError(
-            f"{json_path} has format version {description.get('version')!r}, this program reads {VERSION}; "
-            "use the version of the program that wrote it, or train again"
-        )
+        found = description.get("version")
+        raise ModelFileError(f"{json_path} has format version {found!r}, expected {VERSION}; train again")
     content = tensor_path.read_bytes()
     if hashlib.sha256(content).hexdigest() != description.get("sha256"):
         raise ModelFileError(f"{tensor_path} is truncated, damaged, or from another save than {json_path.name}")

@@ -55,10 +55,8 @@ class Checkpoint:
         except (OSError, RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError, zipfile.BadZipFile) as e:
             raise CheckpointError(f"{self.path} is damaged, or not a checkpoint; delete it to begin again") from e
         if identity != self.identity:
-            raise CheckpointError(
-                f"{self.path} belongs to a training with other data, settings or seed; delete it, or keep the "
-                "checkpoints of every training in a folder of their own"
-            )
+            message = "belongs to a training with other data, settings or seed; delete it, or choose another folder"
+            raise CheckpointError(f"{self.path} {message}")
         return State(state)
 
     def write(self, state: State) -> None:

@@ -48,10 +48,8 @@ class Labels:
         values = np.array(self.values)
         if values.ndim != 1 or not np.issubdtype(values.dtype, np.integer):
             raise ValueError(f"labels must be a vector of integers, got {values.dtype} of shape {values.shape}")
-        if not np.array_equal(np.unique(values), np.arange(len(self.names))):
-            raise ValueError(
-                f"labels must use each of 0 … {len(self.names) - 1}, one a name; got {np.unique(values).tolist()}"
-            )
+        if (used := np.unique(values).tolist()) != list(range(self.k)):
+            raise ValueError(f"labels must use each of 0 … {self.k - 1}, one a name; got {used}")
         object.__setattr__(self, "values", frozen_array(values, np.int64))
         object.__setattr__(self, "settings", MappingProxyType(dict(self.settings)))
 
@@ -92,8 +90,7 @@ def cluster(
         ValueError: an unknown method, or arguments that do not belong to it.
     """
     if method not in METHODS:
-        hint = did_you_mean(method, METHODS)
-        raise ValueError(f"unknown clustering method {method!r}; {hint}known are {list(METHODS)}")
+        raise ValueError(f"unknown method {method!r}; {did_you_mean(method, METHODS)}known are {list(METHODS)}")
     if (method != "kmeans-pca") != (components is None):
         raise ValueError(f"'components' is needed by 'kmeans-pca' and by nothing else; got {method!r} and {components}")
     if (method == "custom") != (k is None):

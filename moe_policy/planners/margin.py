@@ -37,10 +37,8 @@ class WithMargin:
         self, problem: OptimalControlProblem, planner: Planner, parameter: str, margin: float, name: str | None = None
     ) -> None:
         if parameter not in problem.context.names or parameter not in problem.parameters.names:
-            raise ValueError(
-                f"{problem.id}: expected a parameter of the context {problem.context.names}, got {parameter!r}; "
-                "with another initial state the plan would not begin where it should"
-            )
+            # With another initial state the plan would not begin where it should.
+            raise ValueError(f"expected a parameter of the context {problem.context.names}, got {parameter!r}")
         if not math.isfinite(margin):
             raise ValueError(f"the margin must be finite, got {margin}")
         self.problem, self.planner, self.margin = problem, planner, margin

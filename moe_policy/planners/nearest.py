@@ -37,8 +37,7 @@ class NearestPlanner:
         """Rows (B, k) of the ``k`` stored parameters that are nearest to ``p`` (B, np) or (np,), nearest first."""
         if not 1 <= k <= len(self.parameters):
             raise ValueError(f"k must lie in 1 … {len(self.parameters)}, the number of stored samples; got {k}")
-        checked = self.problem.check_parameters(p, extrapolate=True)
-        return self._stored.nearest(checked, k)[1]
+        return self._stored.nearest(self.problem.check_parameters(p, extrapolate=True), k)[1]
 
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,)."""
@@ -66,7 +65,6 @@ class NearestPlanner:
 
 def read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlanner:
     """The planner for ``problem`` that :meth:`NearestPlanner.save` wrote to ``file``."""
-    parameters = file.tensors["parameters"]
-    trajectory = problem.unflatten(file.tensors["trajectories"])
-    stored = Samples.of(problem, parameters, trajectory, file.tensors["modes"])
+    tensors, trajectory = file.tensors, problem.unflatten(file.tensors["trajectories"])
+    stored = Samples.of(problem, tensors["parameters"], trajectory, tensors["modes"])
     return NearestPlanner(stored, file.description["name"])

@@ -62,10 +62,8 @@ class NetworkPlanner:
         networks, scalers = (sizes[0], sizes[-1]), (len(self.inputs), len(self.outputs))
         expected = (len(self.problem.parameters), self.problem.flat_size)
         if not networks == scalers == expected:
-            raise ValueError(
-                f"{self.problem.id}: expected networks and scalers from {expected[0]} to {expected[1]} values, got "
-                f"networks {networks} and scalers {scalers}"
-            )
+            wanted = f"expected networks and scalers from {expected[0]} to {expected[1]} values"
+            raise ValueError(f"{self.problem.id}: {wanted}, got networks {networks} and scalers {scalers}")
 
     def _scaled(self, p: ArrayLike) -> torch.Tensor:
         checked = self.problem.check_parameters(p, extrapolate=True)

@@ -80,12 +80,9 @@ class MixtureOfExperts(nn.Module):
         super().__init__()
         if not experts or gate.sizes[-1] != len(experts):
             raise ValueError(f"a gate with {gate.sizes[-1]} logits needs as many experts, got {len(experts)}")
-        ends = {(expert.sizes[0], expert.sizes[-1]) for expert in experts}
-        if len(ends) != 1 or experts[0].sizes[0] != gate.sizes[0]:
-            raise ValueError(
-                f"gate and experts must share their inputs, and experts their outputs; got gate {gate.sizes}, "
-                f"experts {[expert.sizes for expert in experts]}"
-            )
+        sizes = [expert.sizes for expert in experts]
+        if {(each[0], each[-1]) for each in sizes} != {(gate.sizes[0], sizes[0][-1])}:
+            raise ValueError(f"gate {gate.sizes} and experts {sizes} must share their inputs, experts their outputs")
         self.gate = gate
         self.experts = nn.ModuleList(experts)
 

@@ -28,10 +28,8 @@ class StoredPlans:
         rows = np.atleast_2d(np.asarray(p, dtype=np.float64))
         keys = _keys(rows)
         if unknown := [i for i, key in enumerate(keys) if key not in self._row]:
-            raise ValueError(
-                f"no stored plan for {len(unknown)} of {len(rows)} parameters, the first is {rows[unknown[0]]}; "
-                "expected parameters that were stored, to the last digit"
-            )
+            first = rows[unknown[0]]
+            raise ValueError(f"no stored plan for {len(unknown)} of {len(rows)} parameters, the first is {first}")
         return self.trajectory[np.array([self._row[key] for key in keys], dtype=np.int64)]
 
 

@@ -20,12 +20,9 @@ class Symmetrised:
     different solution families, whose mean is not a plan; there the first one is taken.
 
     Args:
-        problem: a problem with a ``symmetry``.
+        problem: a problem with a ``symmetry``, else a ValueError is raised.
         planner: the planner.
         name: short name for tables; by default that of the planner and of the symmetry.
-
-    Raises:
-        ValueError: a problem without a symmetry.
     """
 
     def __init__(self, problem: OptimalControlProblem, planner: Planner, name: str | None = None) -> None:
