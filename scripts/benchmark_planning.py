@@ -15,14 +15,7 @@ from __future__ import annotations
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.cli import say
-from moe_policy.experiments.latency import (
-    BATCHES,
-    PLANNING_COLUMNS,
-    Latency,
-    planner_rows,
-    planning_rows,
-    step_rows,
-)
+from moe_policy.experiments.latency import BATCHES, PLANNING_COLUMNS, Latency, planner_rows, planning_rows, step_rows
 from moe_policy.experiments.methods import optimal_planner, shipped, stabiliser
 from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS, cold, solver_rows, warm
@@ -56,13 +49,7 @@ def main() -> None:
     say(text_table(solved, SOLVER_COLUMNS))
     stepped = step_rows(problem, [*methods, *stabiliser(problem)], known.parameters[: arguments.episodes + 1], DT)
     record = Latency(
-        env_id=problem.id,
-        cases=len(p),
-        dt=DT,
-        planners=planned,
-        solver=solved,
-        steps=stepped,
-        provenance=provenance(),
+        env_id=problem.id, cases=len(p), dt=DT, planners=planned, solver=solved, steps=stepped, provenance=provenance()
     )
     say(text_table(planning_rows(record), PLANNING_COLUMNS))
     path = arguments.results / f"benchmark_planning_{problem.id}.json"

@@ -45,17 +45,11 @@ DT = 0.02
 
 @dataclass(frozen=True)
 class Sources:
-    """The records that are read.
+    """The records that are read."""
 
-    Args:
-        trainings: of learners, by name in the order of the comparison.
-        trained: planners on the validation set.
-        effort: for the training set; ``None`` where it is not known.
-    """
-
-    trainings: dict[str, list[LearnerTraining]]
-    trained: list[TrainingRow]
-    effort: GenerationEffort | None
+    trainings: dict[str, list[LearnerTraining]]  # of learners, by name in the order of the comparison
+    trained: list[TrainingRow]  # planners on the validation set
+    effort: GenerationEffort | None  # for the training set; ``None`` where it is not known
 
     @classmethod
     def read(cls, folder: Path, problem: OptimalControlProblem) -> Sources:

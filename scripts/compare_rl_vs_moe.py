@@ -87,16 +87,9 @@ def trained(
 def compare(
     problem: OptimalControlProblem, methods: list[Method], parameters: Array, costs: Array
 ) -> tuple[CostDifference, list[ComparisonRow], dict[str, Episodes]]:
-    """All methods, the optimal planner first.
+    """How far optimal costs are from the reference ``costs`` (B,), the rows of all methods, and their episodes by name.
 
-    Args:
-        problem: the problem.
-        methods: the nearest neighbour first, then the others; their variants and the regulator are added.
-        parameters: p of the cases, (B, np).
-        costs: of the reference, (B,).
-
-    Returns:
-        how far optimal costs are from the reference, the rows, and the episodes by method.
+    The optimal planner comes first, then ``methods``, the nearest neighbour first, their variants and the regulator.
     """
     nearest = methods[0].actor
     assert isinstance(nearest, NearestPlanner)

@@ -70,19 +70,12 @@ def identity(problem: OptimalControlProblem, parameters: Array, optimal: Array, 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What is the same on all plants.
-
-    Args:
-        env_id: id of the problem.
-        parameters: p of the episodes, (B, np).
-        flat: their optimal trajectories.
-        seed: of noise and disturbances.
-    """
+    """What is the same on all plants."""
 
     env_id: str
-    parameters: Array
-    flat: Array
-    seed: int
+    parameters: Array  # p of the episodes, (B, np)
+    flat: Array  # their optimal trajectories
+    seed: int  # of noise and disturbances
 
 
 def work(task: Task, arguments: Mapping[str, Any], path: Path) -> None:
@@ -106,15 +99,7 @@ def work_all(task: Task, plants: Mapping[Path, Mapping[str, Any]], workers: int 
 def compare(
     problem: OptimalControlProblem, parameters: Array, *, data: Path, seed: int, workers: int | None
 ) -> Robustness:
-    """The record of all methods on all plants.
-
-    Args:
-        problem: the problem.
-        parameters: p of the episodes, (B, np).
-        data: folder of what is stored.
-        seed: of noise and disturbances.
-        workers: processes; one per core by default.
-    """
+    """The record of all methods on all plants, from ``parameters`` (B, np); ``data``: where outcomes are stored."""
     perturbations = benchmark_of(problem).perturbations
     flat = solve_all(problem, parameters, keep=data / "optimal" / problem.id)[0].flat()
     same, folder = identity(problem, parameters, flat, seed), data / "robustness" / problem.id

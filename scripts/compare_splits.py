@@ -47,14 +47,7 @@ from ocp_envs.support.provenance import provenance
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What was found on one split.
-
-    Args:
-        cases: its instances.
-        summary: what was compared.
-        rows: by method.
-        episodes: by method.
-    """
+    """What was found on one split; rows and episodes by method."""
 
     cases: ReferenceSet
     summary: SplitSummary

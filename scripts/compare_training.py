@@ -38,19 +38,12 @@ from ocp_envs.support.provenance import provenance
 
 @dataclass(frozen=True)
 class Trained:
-    """All trained models of a problem, as rows over their seeds.
-
-    Args:
-        problem: the problem.
-        benchmark: its benchmark.
-        models: by run.
-        total: number of instances in the training set.
-    """
+    """All trained models of a problem, as rows over their seeds."""
 
     problem: OptimalControlProblem
     benchmark: Benchmark
     models: dict[Run, Model]
-    total: int
+    total: int  # number of instances in the training set
 
     def _row(
         self, name: str, samples: int | None, settings: TrainingSettings | None, hidden: Hidden | None = None
@@ -95,15 +88,7 @@ class Trained:
 def draw(
     problem: OptimalControlProblem, folders: Folders, models: dict[str, Path], results: Path, sizes: list[TrainingRow]
 ) -> Details:
-    """Draw the figures.
-
-    Args:
-        problem: the problem.
-        folders: where the databases are.
-        models: paths of the planners of the first seed, by name.
-        results: folder of the figures.
-        sizes: models by the number of training instances.
-    """
+    """Draw the figures from the ``models`` of the first seed (paths by name) and the rows of several ``sizes``."""
     stem = results / f"training_{problem.id}"
     training, validation = (folders.samples(problem, name) for name in ("training", "validation"))
     planners = {name: load_file(path, problem, kind=NetworkPlanner) for name, path in models.items()}

@@ -68,18 +68,11 @@ def figure_names() -> dict[str, tuple[OptimalControlProblem, str]]:
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """What the tables and figures of one problem are made from, itself made where it is missing.
-
-    Args:
-        problem: the problem.
-        quick: from few instances, and shipped networks.
-        data: folder of the databases of all problems.
-        results: folder of the results.
-    """
+    """What the tables and figures of one problem are made from, itself made where it is missing."""
 
     problem: OptimalControlProblem
-    quick: bool
-    data: Path
+    quick: bool  # from few instances, and shipped networks
+    data: Path  # folder of the databases of all problems
     results: Path
 
     def _database(self, name: str) -> ocp_envs.Database:

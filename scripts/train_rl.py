@@ -71,17 +71,7 @@ def validated(problem: OptimalControlProblem, run: TrainingRun) -> LearnerValida
 def trained(
     problem: OptimalControlProblem, settings: RLSettings, kept: Path, on_record: Callable[[LearnerRun], None]
 ) -> tuple[TrainingRun, LearnerRun]:
-    """Train with progress on the terminal.
-
-    Args:
-        problem: the problem.
-        settings: of the learner.
-        kept: path of the best policy so far.
-        on_record: called with the record of the run after each evaluation.
-
-    Returns:
-        the run and its record.
-    """
+    """Train with progress on the terminal; ``on_record`` is called with the record of the run after each evaluation."""
     development, began = reference.load(problem, "development"), provenance()
     cases = CaseSet(name="development", count=len(development))
     bar = tqdm(total=settings.steps, unit="step", desc=f"{settings.algorithm}, {problem.id}", mininterval=5)

@@ -121,10 +121,6 @@ def budgets_figure(path: str | os.PathLike[str], record: Budgets) -> Path:
     open at those of its solutions, and lines where they were trained on several numbers of instances; bars range from
     the minimum to the maximum seed. A planner without a record of its data is a horizontal line. Success and violation
     of planners are over seeds on the validation set; everything else is on the development set.
-
-    Args:
-        path: file to write.
-        record: of scripts/compare_budgets.py.
     """
     shown = [metric for metric in METRICS if _has(record, metric)]
     styles = _styles(record)

@@ -15,15 +15,7 @@ from ocp_envs.trajectory import Trajectory
 
 
 def rise_parameters(problem: OptimalControlProblem, rise: Rise) -> Array:
-    """Parameters (count, np) along which the initial position rises past a sphere.
-
-    Args:
-        problem: one with the parameters x, y, z, cx, cy, cz, radius.
-        rise: the sphere and the initial positions.
-
-    Raises:
-        ValueError: other parameters, fewer than two positions, values outside the box, or a position inside the sphere.
-    """
+    """Parameters (count, np) along which the initial position rises past a sphere, but never inside it."""
     names = ("x", "y", "z", "cx", "cy", "cz", "radius")
     if problem.parameters.names != names:
         raise ValueError(f"{problem.id}: expected the parameters {names}, got {problem.parameters.names}")
@@ -40,12 +32,10 @@ def rise_parameters(problem: OptimalControlProblem, rise: Rise) -> Array:
 
 
 def follow(problem: OptimalControlProblem, solver: GuardedSolver, p: Array) -> tuple[Trajectory, Array]:
-    """The family of the best solution of p[0] along p, and its costs (K,); NaN and +inf where it ends.
+    """The family of the best solution of p[0] along closely spaced ``p`` (K, np), and its costs (K,).
 
-    Args:
-        problem: the problem.
-        solver: solves each instance from the solution of the previous one.
-        p: closely spaced parameters along a path, (K, np).
+    Each instance is solved from the solution of the previous one; where the family ends, plan and cost are NaN and
+    +inf.
     """
     best = solve(problem, p[0], starts=12)
     plans, costs, guess = [best.trajectory], [best.cost], best.trajectory
@@ -62,12 +52,6 @@ def find_discontinuity(optimal: Trajectory) -> int:
 
     Steps are Euclidean distances of flat trajectories, every component standardised over the sequence; of equal ones
     the first counts.
-
-    Args:
-        optimal: K trajectories along a path of parameters.
-
-    Raises:
-        ValueError: fewer than two trajectories, or one that is not finite.
     """
     if len(optimal) < 2:
         raise ValueError(f"expected at least two trajectories, got {len(optimal)}")
@@ -79,13 +63,7 @@ def find_discontinuity(optimal: Trajectory) -> int:
 def plan_violations(problem: OptimalControlProblem, parameters: ArrayLike, plans: Trajectory) -> Array:
     """The largest violation of the path constraints at the knots of each plan, (B,), at least 0; metres for a sphere.
 
-    Args:
-        problem: one with path constraints.
-        parameters: (B, np).
-        plans: B plans; one that is not finite gives NaN.
-
-    Raises:
-        ValueError: no path constraints, or shapes that do not fit.
+    A plan that is not finite gives NaN.
     """
     if not problem.n_clearances:
         raise ValueError(f"{problem.id} has no path constraints that a plan could violate")

@@ -19,12 +19,7 @@ if TYPE_CHECKING:
 
 
 def draw_success(axes: Axes, metrics: Mapping[str, Metrics]) -> None:
-    """Successes with their 95 % intervals; filled marks after terminal regulation, open ones at the plan's end.
-
-    Args:
-        axes: what is drawn into.
-        metrics: of each method by its name.
-    """
+    """Successes with their 95 % intervals; filled marks after terminal regulation, open ones at the plan's end."""
     styles = looks(metrics)
     for i, (name, found) in enumerate(metrics.items()):
         color = styles[name]["color"]
@@ -41,13 +36,7 @@ def draw_success(axes: Axes, metrics: Mapping[str, Metrics]) -> None:
 
 
 def draw_errors(axes: Axes, errors: Mapping[str, Array], radius: float) -> None:
-    """Distributions of the errors at the plan's end.
-
-    Args:
-        axes: what is drawn into.
-        errors: ‖x − goal‖ of the episodes by method, each (B,); NaN without a plan.
-        radius: of the goal ball, a dashed line.
-    """
+    """Distributions of the errors at the plan's end (NaN: no plan); dashed: the ``radius`` of the goal ball."""
     styles = looks(errors)
     for name, values in errors.items():
         found = np.sort(values[np.isfinite(values)])
@@ -66,14 +55,7 @@ def draw_errors(axes: Axes, errors: Mapping[str, Array], radius: float) -> None:
 def comparison_figure(
     path: str | os.PathLike[str], metrics: Mapping[str, Metrics], errors: Mapping[str, Array], radius: float
 ) -> Path:
-    """Successes of all methods next to the distributions of their errors at the plan's end.
-
-    Args:
-        path: file to write.
-        metrics: of each method by its name.
-        errors: ‖x − goal‖ at the plan's end by the same names, each (B,); NaN without a plan.
-        radius: of the goal ball.
-    """
+    """Successes of all methods next to the distributions of their errors ‖x − goal‖ at the plan's end, each (B,)."""
 
     def draw(figure: Figure) -> None:
         left, right = figure.subplots(1, 2)

@@ -25,15 +25,7 @@ Reports = Mapping[str, tuple[Contents, Accuracy | None]]
 
 
 def data_figure(path: str | os.PathLike[str], reports: Reports) -> Path:
-    """Fractions of the solution families, families found, cost differences and accuracy, saved as PNG.
-
-    Args:
-        path: of the file.
-        reports: by split.
-
-    Returns:
-        the path.
-    """
+    """Fractions of the solution families, families found, cost differences and accuracy, one colour for each split."""
 
     def draw(figure: Figure) -> None:
         (classes, modes), (differences, errors) = figure.subplots(2, 2)

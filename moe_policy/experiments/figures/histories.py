@@ -25,15 +25,7 @@ _SMALLEST_ERROR = 1e-6
 def histories_figure(
     path: str | os.PathLike[str], samples: Samples, labels: Labels, shown: int = 40, seed: int = 0
 ) -> Path:
-    """Histories of the state over time: a row for each coordinate, a column for each cluster.
-
-    Args:
-        path: file to write.
-        samples: solved instances.
-        labels: their clusters.
-        shown: maximum number of samples drawn of each cluster.
-        seed: of their choice.
-    """
+    """Histories of at most ``shown`` samples a cluster: a row for each coordinate, a column for each cluster."""
     check_labels(samples, labels, shown)
     problem, generator = samples.problem, np.random.default_rng(seed)
     chosen = [generator.permutation(np.flatnonzero(labels.values == i))[:shown] for i in range(labels.k)]
@@ -61,17 +53,10 @@ def histories_figure(
 def error_histograms_figure(
     path: str | os.PathLike[str], errors: Mapping[str, tuple[Array, Array]], radius: float, bins: int = 50
 ) -> Path:
-    """Histograms of the predicted and of the tracked final error, one panel per model, over the same logarithmic bins.
+    """Histograms of (predicted, tracked) final errors, one panel per model, over the same logarithmic bins.
 
-    Args:
-        path: file to write.
-        errors: (error of the predicted final state, error of the tracked one) by model, each (B,). An error that is
-            not finite counts as beyond the goal ball and is drawn in the last bin.
-        radius: of the goal ball, drawn as a line; the titles count the errors that are not below it.
-        bins: number of bins.
-
-    Raises:
-        ValueError: two errors of a model that are not of one shape (B,), or no finite error at all.
+    An error that is not finite counts as beyond the goal ball and is drawn in the last bin. The ``radius`` of the goal
+    ball is a line; the titles count the errors that are not below it.
     """
     edges = _edges(errors, radius, bins)
     low, high = edges[0] * _MARGIN, edges[-1] / _MARGIN

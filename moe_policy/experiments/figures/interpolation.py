@@ -37,24 +37,13 @@ def winding_coordinate(problem: OptimalControlProblem) -> int:
 
 
 def choose_interpolated(validation: Samples, snn: Planner, moe: Planner, training: Samples, k: int = 8) -> int:
-    """The validation case that best shows how a single network averages over families of optimal trajectories.
+    """The row of ``validation`` that best shows how a single network averages over families of optimal trajectories.
 
     A case shows it if the mixture's plan ends at the end of the optimal one (within the radius of the goal ball, with
     the same winding), the ``k`` nearest training samples belong to at least two families, and the plan of the single
     network ends between two goal states and farther than the radius from both, in the coordinate that distinguishes
     windings. Cases with neighbours of three or more families come first, then the one farthest from every goal state.
     If no case satisfies all conditions, the same order without them decides; of equal cases the first is chosen.
-
-    Args:
-        validation: the cases.
-        snn: the single network.
-        moe: the mixture.
-        training: source of the neighbours, by the distance of
-            :class:`~moe_policy.planners.nearest.NearestPlanner`.
-        k: number of neighbours.
-
-    Returns:
-        The case's row in ``validation``.
     """
     problem, p = validation.problem, validation.parameters
     around = np.sort(training.mode[NearestPlanner(training).neighbours(p, k)], axis=1)
@@ -83,15 +72,8 @@ def interpolation_figure(
 ) -> Path:
     """Predictions from one initial state and the optimal trajectories of its neighbours, in the plane and over time.
 
-    Args:
-        path: file to write.
-        optimal: the optimal trajectory from the state, a batch of one.
-        neighbours: the nearest training samples, coloured by their solution family.
-        predictions: plans from the state by name, batches of one; dashed.
-        problem: the problem. The right panel shows the coordinate that distinguishes its windings.
-
-    Raises:
-        ValueError: a batch of another size, or a problem without a picture in the plane.
+    Neighbours are coloured by their solution family, predictions dashed; all plans are batches of one. The right panel
+    shows the coordinate that distinguishes the windings.
     """
     plans = {"optimal": optimal, **predictions}
     if wrong := {name: len(plan) for name, plan in plans.items() if len(plan) != 1}:

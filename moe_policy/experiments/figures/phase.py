@@ -38,17 +38,8 @@ def discontinuity_figure(
 ) -> Path:
     """The paper's first figure, in the plane of the first two state coordinates.
 
-    Above: a selection of samples and the prediction of the first model at one state. Below: the samples by cluster and
-    the prediction of the second. The goal states are red.
-
-    Args:
-        path: file to write.
-        samples: the training samples.
-        labels: their clusters.
-        optimal: the optimal trajectory from the state, a batch of one.
-        predictions: two models' plans from it, by name, batches of one.
-        shown: number of samples drawn.
-        seed: of their choice.
+    Above: ``shown`` samples and the prediction of the first model at one state. Below: the samples by cluster and the
+    prediction of the second. The goal states are red. All plans are batches of one.
     """
     problem = samples.problem
     rows = np.random.default_rng(seed).permutation(len(samples.parameters))[:shown]
@@ -90,13 +81,7 @@ def clusters_figure(path: str | os.PathLike[str], samples: Samples, partitions: 
 
 
 def error_figure(path: str | os.PathLike[str], errors: Mapping[str, tuple[Array, Array]], radius: float) -> Path:
-    """Error of the predicted final state against the error after tracking and regulation, one panel per model.
-
-    Args:
-        path: file to write.
-        errors: (error of the predicted final state, error at the evaluation time) by model, each (B,).
-        radius: of the goal ball, drawn as lines.
-    """
+    """Error of the predicted final state against that after tracking and regulation, each (B,), a panel per model."""
 
     def draw(figure: Figure) -> None:
         columns = 3

@@ -42,15 +42,7 @@ def finish_plane(axes: Axes, problem: OptimalControlProblem) -> None:
 def samples_figure(
     path: str | os.PathLike[str], samples: Samples, labels: Labels, shown: int = 150, seed: int = 0
 ) -> Path:
-    """Paths in the plane of a random selection of samples, coloured by cluster; dots are initial positions.
-
-    Args:
-        path: file to write.
-        samples: solved instances.
-        labels: their clusters.
-        shown: maximum number of samples drawn.
-        seed: of their choice.
-    """
+    """Paths in the plane of at most ``shown`` samples, coloured by cluster; dots are initial positions."""
     check_labels(samples, labels, shown)
     problem = samples.problem
     plane_path(problem, problem.goal.state[None])

@@ -49,24 +49,11 @@ def rise_figure(
     plans: Mapping[str, Trajectory],
     labels_of_lines: Sequence[str] | None = None,
 ) -> Path:
-    """Plans along a path of parameters, in colour from first to last: a panel for the optimum and for each planner.
+    """Plans along a path of parameters (K, np), in colour from first to last: a panel for the optimum and each planner.
 
-    The sphere is that of the first parameter. Titles give the largest violation at the knots; a black line
-    in the scale of colours marks where the optimum changes sides
-    (:func:`~moe_policy.experiments.figures.cases.find_discontinuity`).
-
-    Args:
-        path: file to write.
-        problem: one with path constraints and a picture in space.
-        parameters: (K, np), with one sphere for all, as of
-            :func:`~moe_policy.experiments.figures.cases.rise_parameters`.
-        optimal: K optimal trajectories.
-        plans: K plans by the name of their planner.
-        labels_of_lines: K texts next to the colours; by default the values of the parameter that changes most.
-
-    Raises:
-        ValueError: shapes that do not fit, optimal trajectories that are not finite, spheres that differ, or a problem
-            without path constraints or without a picture in space.
+    All parameters have one sphere. Titles give the largest violation at the knots; a black line in the scale of colours
+    marks where the optimum changes sides. Next to the colours are the ``labels_of_lines``, by default the values of the
+    parameter that changes most.
     """
     p, every = problem.check_parameters(parameters, extrapolate=True), {"optimal": optimal, **plans}
     if wrong := {name: len(batch) for name, batch in every.items() if len(batch) != len(p)}:

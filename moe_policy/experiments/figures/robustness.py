@@ -26,10 +26,6 @@ def robustness_figure(path: str | os.PathLike[str], record: Robustness) -> Path:
 
     Dashed: success at the plan's end, before terminal regulation. Where there are path constraints, as many panels
     follow with the mean violation on the whole path.
-
-    Args:
-        path: file to write.
-        record: of scripts/compare_robustness.py.
     """
     names = record.methods  # in the order, and so the colours, of the comparison
     violated = any(row.outcome.violation_mean is not None for row in record.rows)

@@ -31,15 +31,10 @@ _SUCCESS: Mapping[str, Values] = {
 
 
 def sizes_figure(path: str | os.PathLike[str], rows: Sequence[TrainingRow], cases: int) -> Path:
-    """Failures against the number of training instances: the median over seeds, and the range.
+    """Failures of ``cases`` instances against the number of training instances: the median over seeds, and the range.
 
-    With path constraints, mean violations in metres instead. On logarithmic scales, where no failure is drawn as half
-    a failure.
-
-    Args:
-        path: file to write.
-        rows: models of several sizes.
-        cases: number of validation instances.
+    With path constraints, mean violations in metres instead. On logarithmic scales, where no failure is drawn as half a
+    failure.
     """
     constrained = any(present(row.violation_spread) for row in rows)
     shown = dict(_AT_KNOTS if constrained else _SUCCESS)

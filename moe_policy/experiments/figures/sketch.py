@@ -13,12 +13,7 @@ if TYPE_CHECKING:
 
 
 def mixture_figure(path: str | os.PathLike[str], experts: int = 3) -> Path:
-    """A sketch of a mixture: the gate sees p and chooses the expert that plans; the paper's figure 2.
-
-    Args:
-        path: file to write.
-        experts: number of experts, the second of which is chosen.
-    """
+    """A sketch of a mixture: the gate sees p and chooses the expert that plans; the paper's figure 2."""
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()

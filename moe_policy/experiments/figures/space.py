@@ -36,19 +36,9 @@ if TYPE_CHECKING:
 def samples_figure(
     path: str | os.PathLike[str], samples: Samples, labels: Labels, shown: int = 25, seed: int = 0
 ) -> Path:
-    """Paths in space of a random selection of samples, a panel for each cluster; dots are initial positions.
+    """Paths in space of at most ``shown`` samples a cluster, a panel for each cluster; dots are initial positions.
 
     Spheres are not drawn, as each sample has its own.
-
-    Args:
-        path: file to write.
-        samples: M solved instances.
-        labels: their clusters.
-        shown: maximum number of samples drawn of each cluster.
-        seed: of their choice.
-
-    Raises:
-        ValueError: not one label for each sample, nothing to show, or a problem without a picture in space.
     """
     problem, generator = samples.problem, np.random.default_rng(seed)
     picture = picture_of(problem)
@@ -72,19 +62,7 @@ def samples_figure(
 def around_figure(
     path: str | os.PathLike[str], samples: Samples, labels: Labels, parameters: ArrayLike, count: int = 40
 ) -> Path:
-    """Optimal paths of the samples nearest to one instance, coloured by cluster, around the sphere of that instance.
-
-    Args:
-        path: file to write.
-        samples: M solved instances.
-        labels: their clusters.
-        parameters: of the instance, (np,); the distance is that of
-            :class:`~moe_policy.planners.nearest.NearestPlanner`, every coordinate divided by the width of its box.
-        count: number of samples drawn, at most M.
-
-    Raises:
-        ValueError: not one label for each sample, not one parameter, a count out of range, or a problem without a
-            picture in space.
+    """Optimal paths, by cluster, of the ``count`` samples nearest to ``parameters`` (np,), around the sphere of that p.
     """
     problem = samples.problem
     picture_of(problem)

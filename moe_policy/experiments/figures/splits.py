@@ -28,11 +28,6 @@ def splits_figure(path: str | os.PathLike[str], problem: OptimalControlProblem, 
 
     Left: the measure against the distance from the discontinuity, a curve for each method with its 95 % band; without a
     discontinuity this column is left out. Right: the measure on every split, with its 95 % interval.
-
-    Args:
-        path: file to write.
-        problem: the problem.
-        record: of scripts/compare_splits.py.
     """
     measures, curves, discontinuity = measures_of(problem), record.curves, discontinuity_of(problem)
     names = [method.name for method in record.rows]
@@ -53,14 +48,7 @@ def splits_figure(path: str | os.PathLike[str], problem: OptimalControlProblem, 
 
 
 def draw_curves(axes: Axes, curves: DistanceCurves, measure: str, styles: Mapping[str, Look]) -> None:
-    """Draw one measure of every method against the distance, with the band of its intervals.
-
-    Args:
-        axes: in which to draw.
-        curves: the curves.
-        measure: name of the measure.
-        styles: colour and line by method.
-    """
+    """Draw one measure of every method against the distance, with the band of its intervals."""
     drawn: list[Estimate] = []
     for name, bins in curves.metrics[measure].items():
         points = [(x, estimate) for x, estimate in zip(curves.distance, bins) if estimate is not None]
@@ -76,14 +64,7 @@ def draw_curves(axes: Axes, curves: DistanceCurves, measure: str, styles: Mappin
 
 
 def draw_splits(axes: Axes, methods: Sequence[SplitMethod], measure: str, styles: Mapping[str, Look]) -> None:
-    """Draw one measure of every method on every split, with its interval.
-
-    Args:
-        axes: in which to draw.
-        methods: the rows.
-        measure: name of the measure.
-        styles: colour and line by method.
-    """
+    """Draw one measure of every method on every split, with its interval."""
     drawn: list[Estimate] = []
     there = [split for split in SPLITS if any(split in method.splits for method in methods)]
     for i, method in enumerate(methods):

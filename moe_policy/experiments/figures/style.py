@@ -40,11 +40,7 @@ def cluster_color(cluster: int) -> str:
 
 
 def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Colour and line of each method in a figure, for matplotlib: variants of one policy share its colour.
-
-    Args:
-        names: as in the tables, where a variant has the name of its policy before a comma, as in ``"snn, half turn"``.
-    """
+    """Colour and line of each method; variants, such as ``"snn, half turn"``, share the colour of their policy."""
     variants: dict[str, int] = {}  # of each policy, so far
     found: dict[str, dict[str, Any]] = {}
     for name in dict.fromkeys(names):
@@ -70,18 +66,10 @@ def _in_a_palette(png: BytesIO) -> bytes:
 
 
 def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: Callable[[Figure], None]) -> Path:
-    """Draw a figure in the common style and save it, each file in one step.
+    """Fill an empty figure of ``size`` (inches) in the common style with ``draw``, save it, and return the file.
 
-    Args:
-        path: file to write, ``.png`` or ``.pdf``; without such a suffix both are written. Missing folders are made.
-        size: width and height in inches.
-        draw: fills an empty figure.
-
-    Returns:
-        the file, the PNG of both.
-
-    Raises:
-        ImportError: matplotlib is missing; it comes with the extra ``plots``.
+    A path without ``.png`` or ``.pdf`` gives both, and returns the first. Each file is replaced in one step. Raises an
+    ``ImportError`` without matplotlib, which comes with the extra ``plots``.
     """
     try:
         import matplotlib

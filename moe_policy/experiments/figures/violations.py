@@ -18,16 +18,7 @@ if TYPE_CHECKING:
 
 
 def violations_figure(path: str | os.PathLike[str], violations: Mapping[str, ArrayLike], title: str) -> Path:
-    """The fraction of cases whose violation at the knots exceeds a bound, against the bound; a line for each model.
-
-    Args:
-        path: file to write.
-        violations: (B,) by model, metres, at least 0; the legend gives their means.
-        title: of the figure.
-
-    Raises:
-        ValueError: no models or more than there are colours, no cases, or a violation that is negative or not finite.
-    """
+    """The fraction of cases whose violation at the knots, (B,) in metres, exceeds a bound; a line for each model."""
     if not 1 <= len(violations) <= len(COLORS):
         raise ValueError(f"expected 1 to {len(COLORS)} models, got {list(violations)}")
     values = {name: np.sort(np.asarray(part, np.float64), axis=None) for name, part in violations.items()}
@@ -54,12 +45,7 @@ def violations_figure(path: str | os.PathLike[str], violations: Mapping[str, Arr
 
 
 def margins_figure(path: str | os.PathLike[str], rows: Sequence[MarginRow]) -> Path:
-    """Mean violation at the knots against the cost, along margins: a curve for each planner, a star for the optimum.
-
-    Args:
-        path: file to write.
-        rows: of the optimum, and of each planner with all margins.
-    """
+    """Mean violation at the knots against the cost, along margins: a curve for each planner, a star for the optimum."""
     curves: dict[str, list[MarginRow]] = {}
     for row in rows:
         curves.setdefault(row.row.name, []).append(row)

@@ -75,12 +75,7 @@ class EnvironmentSpeed(Record):
 
 
 def best_time(run: Callable[[], None], repetitions: int) -> float:
-    """Minimum duration in seconds.
-
-    Args:
-        run: what is timed.
-        repetitions: number of calls.
-    """
+    """Minimum duration of ``repetitions`` calls of ``run``, seconds."""
     durations = []
     for _ in range(repetitions):
         begin = time.perf_counter()
@@ -90,13 +85,7 @@ def best_time(run: Callable[[], None], repetitions: int) -> float:
 
 
 def vector_rate(envs: VectorEnv, steps: int, repetitions: int = 7) -> float:
-    """Control steps per second, of all environments together.
-
-    Args:
-        envs: vectorised environments.
-        steps: number of steps that are timed at once.
-        repetitions: the fastest of so many counts.
-    """
+    """Control steps per second, of all environments together; ``steps`` of them are timed at once."""
     envs.reset(seed=0)
     envs.action_space.seed(0)
     actions = envs.action_space.sample()
@@ -110,13 +99,7 @@ def vector_rate(envs: VectorEnv, steps: int, repetitions: int = 7) -> float:
 
 
 def single_step(env: gym.Env[object, object], steps: int = 5000, repetitions: int = 7) -> float:
-    """Microseconds of a control step, resets included.
-
-    Args:
-        env: the environment.
-        steps: number of steps that are timed at once.
-        repetitions: the fastest of so many counts.
-    """
+    """Microseconds of a control step, resets included; ``steps`` of them are timed at once."""
     env.reset(seed=0)
     env.action_space.seed(0)
     action = env.action_space.sample()
@@ -132,12 +115,9 @@ def single_step(env: gym.Env[object, object], steps: int = 5000, repetitions: in
 
 
 def step_error(problem: OptimalControlProblem, substeps: int, fraction: float) -> StepError:
-    """Error of a control step of :data:`DT` seconds against SciPy's DOP853.
+    """Error of a control step against SciPy's DOP853.
 
-    Args:
-        problem: the problem.
-        substeps: Runge-Kutta steps in a control step.
-        fraction: states, controls and contexts are drawn from this middle part of their boxes.
+    States, controls and contexts are drawn from the middle ``fraction`` of their boxes.
     """
     rng = np.random.default_rng(SEED)
 
@@ -154,13 +134,7 @@ def step_error(problem: OptimalControlProblem, substeps: int, fraction: float) -
 
 
 def substeps_of(problem: OptimalControlProblem, num_envs: int, repetitions: int = 7) -> tuple[Substeps, ...]:
-    """Rate and accuracy of an environment with one to four Runge-Kutta steps in a control step.
-
-    Args:
-        problem: the problem.
-        num_envs: environments in a batch.
-        repetitions: the fastest of so many counts.
-    """
+    """Rate and accuracy of ``num_envs`` environments with one to four Runge-Kutta steps in a control step."""
     chosen = Simulator(problem, DT).substeps
     rows = []
     for substeps in SUBSTEPS:

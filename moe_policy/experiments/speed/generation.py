@@ -92,13 +92,7 @@ class Run:
 
 
 def measure(problem: OptimalControlProblem, p: Array, settings: GenerationSettings) -> Run:
-    """Generate a database in a temporary folder.
-
-    Args:
-        problem: the problem.
-        p: parameters of the instances, (B, np).
-        settings: of the generation.
-    """
+    """Generate a database of the instances ``p`` (B, np) in a temporary folder."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         database = generate(problem, Path(folder) / "rows.zarr", p, settings=settings)

@@ -57,13 +57,7 @@ def median_of(values: Sequence[float] | Array) -> float | None:
 
 
 def cold(problem: OptimalControlProblem, kind: str, seed: int = 0) -> Guess:
-    """A guess for every winding of the goal, as in multistart.
-
-    Args:
-        problem: the problem.
-        kind: ``"line"`` or ``"random"``.
-        seed: of random guesses.
-    """
+    """A guess of ``kind`` "line" or "random" for every winding of the goal, as in multistart."""
 
     def guess(p: Array) -> tuple[Ints, Trajectory, Ints]:
         count = len(problem.targets)
@@ -107,14 +101,7 @@ def _turn(solver: GuardedSolver, guess: Guess, p: Array) -> _Turn:
 
 
 def solver_rows(solver: GuardedSolver, kinds: Mapping[str, Guess], p: Array, best: Array) -> tuple[SolveRow, ...]:
-    """Solves from each kind of guess, and how often they end at the best known cost.
-
-    Args:
-        solver: the solver.
-        kinds: guesses by name; the others are compared with the first one.
-        p: parameters of the instances, (B, np).
-        best: best known costs, (B,).
-    """
+    """Solves of ``p`` (B, np) from each kind of guess, and how often they end at the ``best`` known costs (B,)."""
     for guess in kinds.values():  # a first few solves warm up
         _turn(solver, guess, p[:2])
     turns: dict[str, list[_Turn]] = defaultdict(list)

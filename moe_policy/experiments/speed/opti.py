@@ -16,13 +16,7 @@ from ocp_envs.trajectory import Trajectory
 
 
 class PlainOpti:
-    """``Opti`` with IPOPT on the nonlinear program that the solver of this package solves.
-
-    Args:
-        problem: the problem.
-        tolerance: of IPOPT.
-        expand: whether the functions are expanded to scalar expressions.
-    """
+    """IPOPT on the nonlinear program of this package, its functions as they are or expanded to scalar expressions."""
 
     def __init__(self, problem: OptimalControlProblem, tolerance: float, expand: bool) -> None:
         self.problem, self.program = problem, transcribe(problem)
@@ -42,13 +36,7 @@ class PlainOpti:
         self.opti = opti
 
     def solve(self, parameters: Array, guess: Trajectory, windings: Ints) -> Solutions:
-        """Solve as the solver of this package does, the independent check included.
-
-        Args:
-            parameters: (B, np).
-            guess: B trajectories.
-            windings: index of the goal's winding, (B,).
-        """
+        """Solve ``parameters`` (B, np) as the solver of this package does, the independent check included."""
         tasks = make_tasks(self.problem, self.program, parameters, guess, windings)
         return collect(self.problem, self.program, parameters, [self._one(task) for task in tasks])
 

@@ -54,13 +54,7 @@ class RolloutSpeed(Record):
 
 
 def batched(problem: OptimalControlProblem, planner: Planner, p: Array) -> tuple[Batched, Bools]:
-    """Times of a batched rollout, and its successes (B,).
-
-    Args:
-        problem: the problem.
-        planner: whose plans are tracked.
-        p: parameters of the episodes, (B, np).
-    """
+    """Times of a batched rollout from ``p`` (B, np), and its successes (B,)."""
     began = time.perf_counter()
     planner(p)
     planned = time.perf_counter()
@@ -77,13 +71,7 @@ def batched(problem: OptimalControlProblem, planner: Planner, p: Array) -> tuple
 
 
 def one_by_one(problem: OptimalControlProblem, planner: Planner, p: Array) -> tuple[float, Bools]:
-    """Seconds of a loop over single environments and episodes, and its successes (B,).
-
-    Args:
-        problem: the problem.
-        planner: whose plans are tracked.
-        p: parameters of the episodes, (B, np).
-    """
+    """Seconds of a loop over single environments from ``p`` (B, np), and its successes (B,)."""
     began = time.perf_counter()
     policy = TrackingPolicy(problem, planner, DT)
     env = Env(problem, dt=DT, terminate_at_goal=False)

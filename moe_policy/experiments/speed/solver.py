@@ -95,13 +95,7 @@ class SolverSpeed(Record):
 
 
 def draw(problem: OptimalControlProblem, size: int, seed: int) -> tuple[Array, Ints]:
-    """Every winding of the goal of random instances: parameters (B, np) and index of the winding (B,).
-
-    Args:
-        problem: the problem.
-        size: number of instances.
-        seed: of the parameters.
-    """
+    """Every winding of the goal of ``size`` random instances: parameters (B, np) and index of the winding (B,)."""
     count = len(problem.targets)
     return np.repeat(sample(problem, seed, size), count, axis=0), np.tile(np.arange(count), size)
 
@@ -109,14 +103,7 @@ def draw(problem: OptimalControlProblem, size: int, seed: int) -> tuple[Array, I
 def all_guesses(
     problem: OptimalControlProblem, solve: Solve, parameters: Array, stored: int, seed: int
 ) -> dict[str, Trajectory]:
-    """A guess of every kind for every winding of the goal.
-
-    Args:
-        problem: the problem.
-        solve: what solves the instances from which warm starts are taken.
-        parameters: (B, np), those of :func:`draw`.
-        stored: number of those instances.
-        seed: of the guesses.
+    """A guess of every kind for ``parameters``, those of `draw`; warm ones from ``stored`` instances that are solved.
     """
     windings = np.tile(np.arange(len(problem.targets)), len(parameters) // len(problem.targets))
     line = guesses(problem, parameters, windings, np.random.default_rng(seed + 3), "line")
@@ -147,14 +134,7 @@ def _warm(
 
 
 def measure(solve: Solve, parameters: Array, guess: Trajectory, windings: Ints) -> Rate:
-    """Rate of one solver in one round, after a few solves that warm it up.
-
-    Args:
-        solve: the solver.
-        parameters: (B, np).
-        guess: B trajectories.
-        windings: index of the goal's winding, (B,).
-    """
+    """Rate of one solver in one round, after a few solves that warm it up."""
     few = slice(0, 3)
     solve(parameters[few], guess[few], windings[few])
     began = time.perf_counter()
@@ -175,15 +155,7 @@ def measure(solve: Solve, parameters: Array, guess: Trajectory, windings: Ints) 
 def compare(
     solvers: Mapping[str, Solve], rounds: int, parameters: Array, guess: Trajectory, windings: Ints
 ) -> Comparison:
-    """The fastest of several rounds of every solver; they take turns, so that other load affects all.
-
-    Args:
-        solvers: "ours", "opti" and "opti_expanded".
-        rounds: number of rounds.
-        parameters: (B, np).
-        guess: B trajectories.
-        windings: index of the goal's winding, (B,).
-    """
+    """The fastest of several ``rounds`` of "ours" and of `OPTI`; they take turns, so that other load affects all."""
     tried = [{name: measure(s, parameters, guess, windings) for name, s in solvers.items()} for _ in range(rounds)]
     rates = {name: min((row[name] for row in tried), key=lambda rate: rate.seconds) for name in solvers}
     best = max(rates[name].verified_per_second for name in OPTI)
@@ -191,11 +163,7 @@ def compare(
 
 
 def plain_ratio(compared: Mapping[str, Comparison]) -> float | Absent:
-    """The highest rate of ours / the highest rate of ``Opti`` without a warm start; absent if that was not measured.
-
-    Args:
-        compared: by kind of guess.
-    """
+    """Highest rate of ours / highest rate of ``Opti`` without a warm start; absent if that was not measured."""
     plain = [getattr(compared[kind], name) for kind in ("line", "cold") if kind in compared for name in OPTI]
     if not plain:
         return ABSENT
