@@ -17,7 +17,7 @@ import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, MarginRow, Margins, run
-from moe_policy.experiments.figures.violations import margins_figure
+from moe_policy.experiments.figures.comparison import margins_figure
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import Column, text_table

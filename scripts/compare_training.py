@@ -22,9 +22,8 @@ from moe_policy.experiments import cli, trainings
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.benchmark.parts import Benchmark
 from moe_policy.experiments.figures import gallery
+from moe_policy.experiments.figures.comparison import sizes_figure
 from moe_policy.experiments.figures.details import Details
-from moe_policy.experiments.figures.material import Material
-from moe_policy.experiments.figures.sizes import sizes_figure
 from moe_policy.experiments.records import ABSENT, write
 from moe_policy.experiments.seeds import Model, Paper, TrainingComparison, TrainingRow
 from moe_policy.experiments.trainings import Folders, Run
@@ -93,7 +92,7 @@ def draw(
     training, validation = (folders.samples(problem, name) for name in ("training", "validation"))
     planners = {name: load_file(path, problem, kind=NetworkPlanner) for name, path in models.items()}
     partitions = tuple(int(name.rsplit("-", 1)[1]) for name in models if name.startswith("moe-kmeans-"))
-    material = Material(training, validation, planners, partitions)
+    material = gallery.Material(training, validation, planners, partitions)
     if len({row.samples for row in sizes}) > 1:
         sizes_figure(f"{stem}_sizes.png", sizes, len(validation))
     drawings = gallery.drawings(problem)

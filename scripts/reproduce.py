@@ -29,7 +29,6 @@ from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import Comparison
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.details import Figure
-from moe_policy.experiments.figures.material import Material
 from moe_policy.experiments.figures.sketch import mixture_figure
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable, overview_rows
 from moe_policy.experiments.paper_tables import (
@@ -109,7 +108,7 @@ class Made:
         return read(path, TrainingComparison)
 
     @cached_property
-    def material(self) -> Material:
+    def material(self) -> gallery.Material:
         """What figures are drawn from."""
         if not self.quick:
             _ = self.trained
@@ -117,7 +116,7 @@ class Made:
         few = None if self.quick else training.first(benchmark_of(self.problem).training.instances)
         mixtures = [name for name in self.shipped if name.startswith("moe-kmeans-") and "pca" not in name]
         partitions = tuple(int(name.rsplit("-", 1)[1]) for name in mixtures)
-        return Material(training.samples(few), validation.samples(), self.shipped, partitions)
+        return gallery.Material(training.samples(few), validation.samples(), self.shipped, partitions)
 
     @cached_property
     def shipped(self) -> dict[str, NetworkPlanner]:

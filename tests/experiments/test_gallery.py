@@ -8,7 +8,7 @@ import pytest
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures import gallery
-from moe_policy.experiments.figures.cases import follow, rise_parameters
+from moe_policy.experiments.figures.rise import follow, rise_parameters
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.solvers.solver import GuardedSolver
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from moe_policy.experiments.figures import phase as figures
+from moe_policy.experiments.figures import clusters, errors
 from moe_policy.experiments.figures.style import COLORS, STYLE
 from moe_policy.learning.clustering import cluster
 from moe_policy.planners.nearest import NearestPlanner
@@ -30,7 +30,7 @@ def test_the_jump(tmp_path):
     optimal = SAMPLES.trajectory[0]
     plans = {"snn": SAMPLES.trajectory[1], "moe": NearestPlanner(SAMPLES)(SAMPLES.parameters[:1])}
     labels = cluster(SAMPLES, "custom")
-    path = figures.discontinuity_figure(tmp_path / "new" / "jump.png", SAMPLES, labels, optimal, plans)
+    path = clusters.discontinuity_figure(tmp_path / "new" / "jump.png", SAMPLES, labels, optimal, plans)
     picture = pixels(path, (9.0, 6.5))
     assert all(has(picture, color) for color in (*COLORS[:3], "#d62728"))  # three clusters, and the goals
     assert [file.name for file in path.parent.iterdir()] == ["jump.png"]
@@ -38,7 +38,7 @@ def test_the_jump(tmp_path):
 
 def test_clusters(tmp_path):
     partitions = {"custom": cluster(SAMPLES, "custom"), "k-means 2": cluster(SAMPLES, "kmeans", k=2)}
-    picture = pixels(figures.clusters_figure(tmp_path / "clusters.png", SAMPLES, partitions), (6.4, 3.0))
+    picture = pixels(clusters.clusters_figure(tmp_path / "clusters.png", SAMPLES, partitions), (6.4, 3.0))
     middle = picture.shape[1] // 2
     left, right = picture[:, : middle - 80], picture[:, middle + 120 :]  # the first panel has the labels
     assert [has(left, color) for color in COLORS[:4]] == [True, True, True, False]
@@ -49,10 +49,10 @@ def test_clusters(tmp_path):
 def test_errors_show_failures_in_their_own_colour(tmp_path, models, height):
     predicted = np.full(20, 0.02)
     good = {f"good {i}": (predicted, np.full(20, 1e-6)) for i in range(models)}
-    picture = pixels(figures.error_figure(tmp_path / "good.png", good, 0.1), (9.0, height))
+    picture = pixels(errors.error_figure(tmp_path / "good.png", good, 0.1), (9.0, height))
     assert not has(picture, COLORS[1])
     # An error that is not a number is a failure, too.
     one_bad = good | {"good 0": (predicted, np.array([*[1e-6] * 18, 0.5, np.nan]))}
-    picture = pixels(figures.error_figure(tmp_path / "bad.png", one_bad, 0.1), (9.0, height))
+    picture = pixels(errors.error_figure(tmp_path / "bad.png", one_bad, 0.1), (9.0, height))
     assert has(picture, COLORS[0])
     assert has(picture, COLORS[1])

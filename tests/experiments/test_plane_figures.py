@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from moe_policy.experiments.figures import histories, interpolation, plane
-from moe_policy.experiments.figures.axes import coordinate_text
-from moe_policy.experiments.figures.style import COLORS, STYLE
+from moe_policy.experiments.figures import clusters, plane
+from moe_policy.experiments.figures.errors import error_histograms_figure
+from moe_policy.experiments.figures.style import COLORS, STYLE, coordinate_text
 from moe_policy.learning.clustering import Labels, cluster
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.pendulum import PENDULUM
@@ -63,11 +63,11 @@ def test_names_are_set_as_formulas(name, shown):
 
 
 def test_the_coordinate_that_tells_windings_apart():
-    assert interpolation.winding_coordinate(PENDULUM) == 0
-    assert interpolation.winding_coordinate(VEHICLE) == 2
-    assert interpolation.winding_coordinate(DOUBLE_INTEGRATOR) == 0
+    assert plane.winding_coordinate(PENDULUM) == 0
+    assert plane.winding_coordinate(VEHICLE) == 2
+    assert plane.winding_coordinate(DOUBLE_INTEGRATOR) == 0
     once = dataclasses.replace(VEHICLE.goal, windings=[[0, 0, 0, 0]])
-    assert interpolation.winding_coordinate(dataclasses.replace(VEHICLE, goal=once)) == 2  # the periodic one
+    assert plane.winding_coordinate(dataclasses.replace(VEHICLE, goal=once)) == 2  # the periodic one
 
 
 # -- the chosen case ---------------------------------------------------------------------------------------------------
@@ -95,9 +95,7 @@ def choose(cases):
     p = np.stack([angles, np.zeros(len(angles))], axis=1)
     optimal = ending_at(np.full(len(angles), np.pi))
     validation = Samples.of(PENDULUM, p, optimal, np.ones(len(p), np.int64))
-    return interpolation.choose_interpolated(
-        validation, lambda _: ending_at(single), lambda _: ending_at(mixture), TRAINING, 3
-    )
+    return plane.choose_interpolated(validation, lambda _: ending_at(single), lambda _: ending_at(mixture), TRAINING, 3)
 
 
 GOOD = np.pi + 0.05  # within the radius of 0.1 of the optimal end
@@ -166,10 +164,10 @@ def test_interpolation_shows_neighbours_and_predictions(drawn):
     around = vehicle_samples([0, 3, 3])
     plans = vehicle_samples([3, 3, 3], seed=1).trajectory
     predictions = {"snn": plans[1], "moe": plans[2]}
-    figure = drawn(interpolation.interpolation_figure, plans[0], around, predictions, VEHICLE)
-    plane, history = figure.axes
+    figure = drawn(plane.interpolation_figure, plans[0], around, predictions, VEHICLE)
+    left, history = figure.axes
     expected = [COLORS[0], COLORS[3], COLORS[3], "#000000"]
-    for axes, values in ((plane, plans.states[..., :2]), (history, np.stack([plans.times, plans.states[..., 2]], 2))):
+    for axes, values in ((left, plans.states[..., :2]), (history, np.stack([plans.times, plans.states[..., 2]], 2))):
         lines = lines_of(axes, VEHICLE.knots)
         assert [color for color, _ in lines][:4] == expected
         assert len({color for color, _ in lines}) == 5  # both predictions in colours of their own
@@ -188,7 +186,7 @@ def test_interpolation_shows_neighbours_and_predictions(drawn):
 
 def test_histories_have_a_row_for_each_coordinate_and_a_column_for_each_cluster(drawn):
     samples = vehicle_samples([1] * 30 + [3] * 5)
-    figure = drawn(histories.histories_figure, samples, cluster(samples, "custom"), shown=20)
+    figure = drawn(clusters.histories_figure, samples, cluster(samples, "custom"), shown=20)
     assert len(figure.axes) == 4 * 2
     grid = np.reshape(figure.axes, (4, 2))
     for column, (mode, count) in enumerate(((1, 20), (3, 5))):
@@ -206,7 +204,7 @@ def test_histograms_count_every_case_and_the_failures(drawn):
     rng = np.random.default_rng(0)
     snn = rng.lognormal(-1, 1, 200), np.array([*np.full(197, 1e-9), np.nan, np.inf, 0.5])
     moe = np.full(200, 0.01), np.full(200, 0.02)
-    figure = drawn(histories.error_histograms_figure, {"snn": snn, "moe": moe}, 0.5)
+    figure = drawn(error_histograms_figure, {"snn": snn, "moe": moe}, 0.5)
     assert len(figure.axes) == 2
     for axes, pair in zip(figure.axes, (snn, moe)):
         heights = [patch.get_height() for patch in axes.patches if hasattr(patch, "get_height")]
@@ -227,11 +225,9 @@ def test_files_are_pictures_of_the_right_size(tmp_path):
     errors = {"snn": (np.full(5, 0.2), np.full(5, 0.3))}
     written = {
         (7.4, 5.0): plane.samples_figure(tmp_path / "new" / "samples.png", samples, labels),
-        (10.0, 3.8): interpolation.interpolation_figure(
-            tmp_path / "between.png", plan, samples, {"snn": plan}, PENDULUM
-        ),
-        (5.4, 3.6): histories.histories_figure(tmp_path / "histories.png", samples, labels),
-        (5.2, 3.2): histories.error_histograms_figure(tmp_path / "errors.png", errors, 0.1),
+        (10.0, 3.8): plane.interpolation_figure(tmp_path / "between.png", plan, samples, {"snn": plan}, PENDULUM),
+        (5.4, 3.6): clusters.histories_figure(tmp_path / "histories.png", samples, labels),
+        (5.2, 3.2): error_histograms_figure(tmp_path / "errors.png", errors, 0.1),
     }
     for inches, path in written.items():
         picture = image.imread(path)[..., :3]
@@ -249,8 +245,8 @@ def test_a_problem_without_a_picture_is_refused_where_one_is_needed(tmp_path, dr
     with pytest.raises(ValueError, match=r"DoubleIntegrator-v0.*histories_figure"):
         plane.samples_figure(tmp_path / "no.png", samples, labels)
     with pytest.raises(ValueError, match="picture"):
-        interpolation.interpolation_figure(tmp_path / "no.png", samples.trajectory[0], samples, {}, DOUBLE_INTEGRATOR)
-    assert len(drawn(histories.histories_figure, samples, labels).axes) == 2 * 2  # this one needs none
+        plane.interpolation_figure(tmp_path / "no.png", samples.trajectory[0], samples, {}, DOUBLE_INTEGRATOR)
+    assert len(drawn(clusters.histories_figure, samples, labels).axes) == 2 * 2  # this one needs none
 
 
 def test_arguments_that_do_not_fit_are_refused(tmp_path):
@@ -258,18 +254,18 @@ def test_arguments_that_do_not_fit_are_refused(tmp_path):
     labels = cluster(samples, "custom")
     path = tmp_path / "no.png"
     fewer = Samples.of(VEHICLE, samples.parameters[:3], samples.trajectory[:3], samples.mode[:3])
-    for function in (plane.samples_figure, histories.histories_figure):
+    for function in (plane.samples_figure, clusters.histories_figure):
         with pytest.raises(ValueError, match="each of 3 samples, got 4"):
             function(path, fewer, labels)
         with pytest.raises(ValueError, match="at least 1, got 0"):
             function(path, samples, labels, shown=0)
     with pytest.raises(ValueError, match=r"one trajectory, got \{'optimal': 4\}"):
-        interpolation.interpolation_figure(path, samples.trajectory, samples, {}, VEHICLE)
+        plane.interpolation_figure(path, samples.trajectory, samples, {}, VEHICLE)
     plans = {str(i): samples.trajectory[0] for i in range(5)}
     with pytest.raises(ValueError, match="at most 4 predictions"):
-        interpolation.interpolation_figure(path, samples.trajectory[0], samples, plans, VEHICLE)
+        plane.interpolation_figure(path, samples.trajectory[0], samples, plans, VEHICLE)
     with pytest.raises(ValueError, match=r"snn: expected two errors \(B,\), got \(3,\) and \(4,\)"):
-        histories.error_histograms_figure(path, {"snn": (np.ones(3), np.ones(4))}, 0.1)
+        error_histograms_figure(path, {"snn": (np.ones(3), np.ones(4))}, 0.1)
     with pytest.raises(ValueError, match="finite"):
-        histories.error_histograms_figure(path, {"snn": (np.full(3, np.nan), np.full(3, np.inf))}, 0.1)
+        error_histograms_figure(path, {"snn": (np.full(3, np.nan), np.full(3, np.inf))}, 0.1)
     assert not path.exists()

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from moe_policy.experiments.figures import sizes as figures
+from moe_policy.experiments.figures import comparison as figures
 from moe_policy.experiments.seeds import TrainingRow
 from tests.experiments.test_seeds import model
 

@@ -7,9 +7,10 @@ import pytest
 
 from moe_policy.experiments.benchmark.parts import Rise
 from moe_policy.experiments.comparison import MarginRow
-from moe_policy.experiments.figures import cases, paths, rise, space
+from moe_policy.experiments.figures import rise, space
+from moe_policy.experiments.figures.comparison import margins_figure
+from moe_policy.experiments.figures.errors import violations_figure
 from moe_policy.experiments.figures.style import COLORS, STYLE, cluster_color
-from moe_policy.experiments.figures.violations import margins_figure, violations_figure
 from moe_policy.learning.clustering import Labels, cluster
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
@@ -21,7 +22,7 @@ from tests.synthetic import fake_samples
 image = pytest.importorskip("matplotlib.image")
 colors = pytest.importorskip("matplotlib.colors")
 
-POINTS = 19 * paths._PIECES + 1  # of a path
+POINTS = 19 * space._PIECES + 1  # of a path
 SPHERE = [0.0, 4.0, 4.0]
 
 
@@ -82,7 +83,7 @@ RISE = Rise(centre=tuple(SPHERE), radius=3.0, start=(0.0, 8.0), heights=(5.0, 9.
 
 
 def test_the_initial_position_rises_past_a_sphere_at_rest():
-    p = cases.rise_parameters(QUADCOPTER_OBSTACLE, RISE)
+    p = rise.rise_parameters(QUADCOPTER_OBSTACLE, RISE)
     np.testing.assert_array_equal(p, [[0, 8, z, 0, 4, 4, 3] for z in (5, 6, 7, 8, 9)])
 
 
@@ -97,41 +98,41 @@ def test_the_initial_position_rises_past_a_sphere_at_rest():
 )
 def test_sequences_that_make_no_sense_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
-        cases.rise_parameters(QUADCOPTER_OBSTACLE, dataclasses.replace(RISE, **changes))
+        rise.rise_parameters(QUADCOPTER_OBSTACLE, dataclasses.replace(RISE, **changes))
 
 
 def test_a_sequence_needs_a_sphere():
     with pytest.raises(ValueError, match=r"Quadcopter-v0: expected the parameters .*radius.*, got \('x', 'y', 'z'\)"):
-        cases.rise_parameters(QUADCOPTER, RISE)
+        rise.rise_parameters(QUADCOPTER, RISE)
 
 
 @pytest.mark.parametrize("flip", [0, 3, 8])
 def test_the_flip_is_found(flip):
     p = np.linspace([0, 8, 5], [0, 8, 9], 10)
-    assert cases.find_discontinuity(bent(p, np.arange(10) > flip)) == flip
-    assert cases.find_discontinuity(bent(p, np.arange(10) <= flip)) == flip
+    assert rise.find_discontinuity(bent(p, np.arange(10) > flip)) == flip
+    assert rise.find_discontinuity(bent(p, np.arange(10) <= flip)) == flip
 
 
 def test_of_equal_steps_the_first_is_the_flip():
     states = np.zeros((4, 20, 12))
     states[2:] = 1.0
     steps = Trajectory(np.concatenate([states, states[:1]]), np.zeros((5, 19, 4)), np.ones(5))
-    assert cases.find_discontinuity(steps) == 1
+    assert rise.find_discontinuity(steps) == 1
 
 
 def test_steps_are_measured_in_standard_deviations():
     states = np.zeros((4, 20, 12))
     states[1:, :10, 6:10] = 0.1  # forty small components jump after 0
     states[3:, 5, 0] = 100.0  # a large one after 2
-    assert cases.find_discontinuity(Trajectory(states, np.zeros((4, 19, 4)), np.ones(4))) == 0
+    assert rise.find_discontinuity(Trajectory(states, np.zeros((4, 19, 4)), np.ones(4))) == 0
 
 
 def test_a_flip_needs_two_finite_trajectories():
     plan = straight(np.ones((2, 3)))
     with pytest.raises(ValueError, match="at least two trajectories, got 1"):
-        cases.find_discontinuity(plan[0])
+        rise.find_discontinuity(plan[0])
     with pytest.raises(ValueError, match="finite; row 1"):
-        cases.find_discontinuity(with_states(plan, (1, 3, 4), np.nan))
+        rise.find_discontinuity(with_states(plan, (1, 3, 4), np.nan))
 
 
 def test_violations_are_those_of_the_deepest_knot():
@@ -143,19 +144,19 @@ def test_violations_are_those_of_the_deepest_knot():
     assert expected[0] > 2.5
     assert expected[1] == pytest.approx(1.5, abs=0.1)
     assert expected[2] == 0
-    np.testing.assert_allclose(cases.plan_violations(QUADCOPTER_OBSTACLE, p, plans), expected, atol=1e-6)
+    np.testing.assert_allclose(rise.plan_violations(QUADCOPTER_OBSTACLE, p, plans), expected, atol=1e-6)
     plans = with_states(plans, (1, 5, 0), np.inf)
-    assert np.isnan(cases.plan_violations(QUADCOPTER_OBSTACLE, p, plans)).tolist() == [False, True, False]
+    assert np.isnan(rise.plan_violations(QUADCOPTER_OBSTACLE, p, plans)).tolist() == [False, True, False]
 
 
 def test_violations_need_constraints_and_as_many_plans():
     p = np.array([[0, 8, 8, 0, 4, 4, 3.0]] * 3)
     with pytest.raises(ValueError, match="Quadcopter-v0 has no path constraints"):
-        cases.plan_violations(QUADCOPTER, p[:, :3], straight(p))
+        rise.plan_violations(QUADCOPTER, p[:, :3], straight(p))
     with pytest.raises(ValueError, match=r"expected 3 plans of 12 states.* got states of shape \(2, 20, 12\)"):
-        cases.plan_violations(QUADCOPTER_OBSTACLE, p, straight(p[:2]))
+        rise.plan_violations(QUADCOPTER_OBSTACLE, p, straight(p[:2]))
     with pytest.raises(ValueError, match=r"got states of shape \(3, 25, 2\)"):
-        cases.plan_violations(QUADCOPTER_OBSTACLE, p, fake_samples(3).trajectory)
+        rise.plan_violations(QUADCOPTER_OBSTACLE, p, fake_samples(3).trajectory)
 
 
 # -- figures -----------------------------------------------------------------------------------------------------------
@@ -165,7 +166,7 @@ def test_violations_need_constraints_and_as_many_plans():
     ("name", "shown"), [("-+-", "(−, +, −)"), ("cluster 3", "cluster 3"), ("left-hand", "left-hand")]
 )
 def test_signs_are_set_as_signs(name, shown):
-    assert paths.cluster_text(name) == shown
+    assert space.cluster_text(name) == shown
 
 
 @pytest.mark.parametrize("k", [1, 4, 8, 20])
@@ -241,7 +242,7 @@ def test_without_an_obstacle_there_is_no_sphere(drawn):
     assert spheres_in(axes) == 0
 
 
-P = cases.rise_parameters(QUADCOPTER_OBSTACLE, dataclasses.replace(RISE, heights=(6.0, 9.0), count=7))
+P = rise.rise_parameters(QUADCOPTER_OBSTACLE, dataclasses.replace(RISE, heights=(6.0, 9.0), count=7))
 OPTIMAL = bent(P, np.arange(7) >= 3)
 
 
@@ -249,7 +250,7 @@ def test_the_flip_is_shown_for_the_optimum_and_every_planner(drawn):
     plans = {"snn": straight(P), "moe": bent(P, np.arange(7) >= 4)}
     figure = drawn(rise.rise_figure, QUADCOPTER_OBSTACLE, P, OPTIMAL, plans)
     panels = panels_of(figure)
-    worst = cases.plan_violations(QUADCOPTER_OBSTACLE, P, plans["snn"]).max()
+    worst = rise.plan_violations(QUADCOPTER_OBSTACLE, P, plans["snn"]).max()
     assert worst > 2
     titles = {"optimal": 0.0, "snn": worst, "moe": 0.0}
     assert text_of(figure) == [f"{name}\nworst violation {value:.3f} m" for name, value in titles.items()]
@@ -326,7 +327,7 @@ def test_a_picture_in_space_is_needed(tmp_path):
     with pytest.raises(ValueError, match="picture in space"):
         space.around_figure(path, samples, labels, [0.0, 0.0])
     with pytest.raises(ValueError, match=r"DoubleIntegrator-v0.*picture in space"):
-        paths.picture_of(DOUBLE_INTEGRATOR)
+        space.picture_of(DOUBLE_INTEGRATOR)
     assert not path.exists()
 
 

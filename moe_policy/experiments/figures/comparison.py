@@ -1,21 +1,35 @@
-"""The figure of a comparison: successes with their intervals, and the errors at the ends of the plans."""
+"""Figures of metrics of methods: side by side, against the training size, and along margins."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moe_policy.experiments.figures.style import looks, save_figure
+from moe_policy.experiments.comparison import MarginRow
+from moe_policy.experiments.figures.style import COLORS, looks, save_figure
+from moe_policy.experiments.records import Absent, present
+from moe_policy.experiments.seeds import TrainingRow
 from moe_policy.rollouts.metrics import Metrics
 from ocp_envs.support.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+Values = Callable[[TrainingRow], tuple[float | None, ...] | Absent]
+_AT_KNOTS: Mapping[str, Values] = {
+    "at the knots": lambda row: row.knot_violation,
+    "on the whole path": lambda row: row.violation,
+}
+_SUCCESS: Mapping[str, Values] = {
+    "after the hold": lambda row: row.success,
+    "at the plan's end": lambda row: row.success_at_plan_end,
+}
 
 
 def draw_success(axes: Axes, metrics: Mapping[str, Metrics]) -> None:
@@ -63,3 +77,72 @@ def comparison_figure(
         draw_errors(right, errors, radius)
 
     return save_figure(path, (10.0, 1.6 + 0.35 * len(metrics)), draw)
+
+
+def sizes_figure(path: str | os.PathLike[str], rows: Sequence[TrainingRow], cases: int) -> Path:
+    """Failures of ``cases`` instances against the number of training instances: the median over seeds, and the range.
+
+    With path constraints, mean violations in metres instead. On logarithmic scales, where no failure is drawn as half a
+    failure.
+    """
+    constrained = any(present(row.violation_spread) for row in rows)
+    shown = dict(_AT_KNOTS if constrained else _SUCCESS)
+    if not constrained and all(row.success == row.success_at_plan_end for row in rows):
+        del shown["after the hold"]  # the goal cannot be regulated
+
+    def draw(figure: Figure) -> None:
+        panels: Any = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
+        for ax, (title, of) in zip(panels, shown.items()):
+            _panel(ax, rows, partial(_wrong, of, None if constrained else cases))
+            ax.set(xscale="log", yscale="log", xlabel="training problems", title=title)
+            if constrained:  # less than a decade: each tick shows its number
+                ax.yaxis.set_major_formatter("{x:g}")
+                ax.yaxis.set_minor_formatter("{x:g}")
+        panels[0].set_ylabel("mean violation, m" if constrained else f"failures of {cases:,}")
+        panels[0].legend()
+
+    return save_figure(path, (8.0 if len(shown) == 2 else 4.5, 3.2), draw)
+
+
+def _wrong(of: Values, cases: int | None, row: TrainingRow) -> Array:
+    """Violations of each seed, or with a number of ``cases`` the failures among them, at least one half."""
+    found = np.array(present(of(row)) or (), dtype=np.float64)
+    return found if cases is None else np.maximum(cases - found, 0.5)
+
+
+def _panel(axes: Axes, rows: Sequence[TrainingRow], wrong: Callable[[TrainingRow], Array]) -> None:
+    """A curve and its band for each model."""
+    for color, name in zip(COLORS, dict.fromkeys(row.name for row in rows)):
+        chosen = sorted((row for row in rows if row.name == name), key=lambda row: row.samples)
+        counts = [row.samples for row in chosen]
+        low, median, high = np.array([np.quantile(wrong(row), [0, 0.5, 1]) for row in chosen]).T
+        axes.fill_between(counts, low, high, color=color, alpha=0.2, linewidth=0)
+        axes.plot(counts, median, "o-", color=color, label=name, markersize=4)
+
+
+def margins_figure(path: str | os.PathLike[str], rows: Sequence[MarginRow]) -> Path:
+    """Mean violation at the knots against the cost, along margins: a curve for each planner, a star for the optimum."""
+    curves: dict[str, list[MarginRow]] = {}
+    for row in rows:
+        curves.setdefault(row.row.name, []).append(row)
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        colors = iter(COLORS)
+        for name, curve in curves.items():
+            optimum = curve[0].margin is None
+            metrics = [row.row.metrics for row in curve]
+            cost = [100 * ((m.relative_cost or np.nan) - 1) for m in metrics]
+            violation = [np.nan if m.knot_violation_mean is None else m.knot_violation_mean for m in metrics]
+            form, color, size = ("*", "black", 9) if optimum else ("o-", next(colors), 4)
+            axes.plot(cost, violation, form, color=color, label=name, markersize=size)
+            for row, x, y in zip(curve, cost, violation):
+                if row.margin is not None:
+                    text = f"{row.margin:g}"
+                    axes.annotate(text, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7, color=color)
+        axes.set(xlabel="cost above the tracked optimum, %", ylabel="mean violation at the knots, m")
+        axes.set_ylim(bottom=0.0)
+        axes.set_title("margins on the radius, m")
+        axes.legend()
+
+    return save_figure(path, (5.6, 3.8), draw)

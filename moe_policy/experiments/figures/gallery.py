@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
+from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.figures import histories, interpolation, phase, plane, space
-from moe_policy.experiments.figures.cases import find_discontinuity, follow, plan_violations, rise_parameters
+from moe_policy.experiments.figures import clusters, errors, plane, space
 from moe_policy.experiments.figures.details import (
     Case,
     DiscontinuityCase,
@@ -25,11 +26,20 @@ from moe_policy.experiments.figures.details import (
     RiseCase,
     Sizes,
 )
-from moe_policy.experiments.figures.material import Material
-from moe_policy.experiments.figures.rise import rise_figure
-from moe_policy.experiments.figures.violations import violations_figure
+from moe_policy.experiments.figures.rise import (
+    find_discontinuity,
+    follow,
+    plan_violations,
+    rise_figure,
+    rise_parameters,
+)
+from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import Record
+from moe_policy.learning.clustering import Labels, cluster
 from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.planners.network import NetworkPlanner
+from moe_policy.rollouts.episodes import Episodes
+from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.solvers.solver import GuardedSolver
@@ -38,6 +48,64 @@ from ocp_envs.trajectory import Trajectory
 
 #: Training samples drawn around the case where the single network interpolates.
 NEIGHBOURS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """What figures are drawn from."""
+
+    training: Samples  # solved training instances
+    validation: Samples  # solved validation instances
+    planners: Mapping[str, NetworkPlanner]  # trained networks by name
+    #: numbers of clusters of the k-means partitions that are shown next to the solution families
+    partitions: tuple[int, ...] = ()
+
+    @property
+    def problem(self) -> OptimalControlProblem:
+        """The problem of the samples."""
+        return self.training.problem
+
+    @cached_property
+    def families(self) -> Labels:
+        """The training samples by solution family."""
+        return cluster(self.training, "custom")
+
+    @cached_property
+    def labels(self) -> dict[str, Labels]:
+        """The partitions of the training samples by name, the solution families first."""
+        kmeans = {f"k-means {k}": cluster(self.training, "kmeans", k=k) for k in self.partitions}
+        return {"custom": self.families, **kmeans}
+
+    @cached_property
+    def clusters(self) -> Labels:
+        """The families, or where there is but one, the first partition with more than one cluster."""
+        several = self.families.k > 1 or not self.partitions
+        return self.families if several else next(labels for labels in self.labels.values() if labels.k > 1)
+
+    @cached_property
+    def episodes(self) -> dict[str, Episodes]:
+        """The plans of all planners for the validation instances, tracked."""
+        p = self.validation.parameters
+        return {
+            name: comparison.run(self.problem, Method(name, planner), p, batches=())[1]
+            for name, planner in self.planners.items()
+        }
+
+    @cached_property
+    def errors(self) -> dict[str, tuple[Array, Array]]:
+        """(error of the predicted final state, error at the evaluation time) by planner, each (B,)."""
+        p = self.validation.parameters
+        return {
+            name: (self.problem.goal_error(planner(p).states[:, -1]), self.episodes[name].final_error)
+            for name, planner in self.planners.items()
+        }
+
+    @property
+    def pair(self) -> dict[str, NetworkPlanner]:
+        """The single network, and the mixture over the solution families or else the first one."""
+        mixture = min((name for name in self.planners if name != "snn"), key=lambda name: name != "moe-custom")
+        return {name: self.planners[name] for name in ("snn", mixture)}
+
 
 #: Draws a figure at a path and returns what there is to say about it.
 Draw = Callable[[Material, Path], Record | None]
@@ -59,22 +127,22 @@ def _jump(material: Material, path: Path) -> DiscontinuityCase:
     p = validation.parameters[chosen]
     plans = {name: planner(p) for name, planner in material.pair.items()}
     optimal = validation.trajectory[chosen]
-    phase.discontinuity_figure(path, material.training, material.families, optimal, plans)
+    clusters.discontinuity_figure(path, material.training, material.families, optimal, plans)
     return DiscontinuityCase(parameters=tuple(p.tolist()), cost_difference=float(differences[chosen]))
 
 
 def _clusters(material: Material, path: Path) -> PartitionSizes:
-    phase.clusters_figure(path, material.training, material.labels)
+    clusters.clusters_figure(path, material.training, material.labels)
     return PartitionSizes(sizes={name: tuple(map(int, labels.sizes)) for name, labels in material.labels.items()})
 
 
 def _errors(material: Material, path: Path) -> None:
-    phase.error_figure(path, material.errors, material.problem.goal.radius)
+    errors.error_figure(path, material.errors, material.problem.goal.radius)
 
 
 def _histograms(material: Material, path: Path) -> None:
     shown = {name: material.errors[name] for name in material.pair}
-    histories.error_histograms_figure(path, shown, material.problem.goal.radius)
+    errors.error_histograms_figure(path, shown, material.problem.goal.radius)
 
 
 def _plane_samples(material: Material, path: Path) -> Sizes:
@@ -83,18 +151,18 @@ def _plane_samples(material: Material, path: Path) -> Sizes:
 
 
 def _histories(material: Material, path: Path) -> None:
-    histories.histories_figure(path, material.training, material.clusters)
+    clusters.histories_figure(path, material.training, material.clusters)
 
 
 def _interpolation(material: Material, path: Path) -> Case:
     training, validation, pair = material.training, material.validation, material.pair
     single, mixture = pair.values()
-    chosen = interpolation.choose_interpolated(validation, single, mixture, training, NEIGHBOURS)
+    chosen = plane.choose_interpolated(validation, single, mixture, training, NEIGHBOURS)
     p = validation.parameters[chosen]
     around = NearestPlanner(training).neighbours(p, NEIGHBOURS)[0]
     plans = {name: planner(p) for name, planner in pair.items()}
     optimal = validation.trajectory[chosen]
-    interpolation.interpolation_figure(path, optimal, training[around], plans, material.problem)
+    plane.interpolation_figure(path, optimal, training[around], plans, material.problem)
     return Case(parameters=tuple(p.tolist()))
 
 
@@ -107,7 +175,7 @@ def _violations(material: Material, path: Path) -> MeanViolations:
     # A plan that was rejected has no knots.
     found = {name: episodes.knot_violation for name, episodes in material.episodes.items()}
     found = {name: values[np.isfinite(values)] for name, values in found.items()}
-    violations_figure(path, found, "rollouts that enter the sphere")
+    errors.violations_figure(path, found, "rollouts that enter the sphere")
     return MeanViolations(mean={name: float(values.mean()) for name, values in found.items()})
 
 

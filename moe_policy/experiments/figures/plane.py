@@ -1,27 +1,41 @@
-"""The figure of paths in the plane: samples by cluster.
+"""Figures of paths in the plane: samples by cluster, and a state where a single network averages over families.
 
-It is that of Tang & Hauser (2019), section V-B (the ground vehicle), for any problem whose
+They are those of Tang & Hauser (2019), section V-B (the ground vehicle), for any problem whose
 :class:`~ocp_envs.picture.Picture` traces a path in the plane.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moe_policy.experiments.figures.axes import INK, check_labels, coordinate_text
-from moe_policy.experiments.figures.style import cluster_color, save_figure
+from moe_policy.experiments.figures.style import (
+    INK,
+    check_labels,
+    cluster_color,
+    coordinate_text,
+    label_state,
+    save_figure,
+)
 from moe_policy.learning.clustering import Labels
+from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.protocols import Planner
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+#: Dark, to contrast with the thin lines in the colours of the clusters.
+_PLAN_COLORS = ("#c1121f", "#3d1a8a", "#5c4400", "#0b5d3b")
+_PLAN_DASHES = ((4, 1.5), (1.5, 1.2), (6, 1.5, 1.5, 1.5), (3, 3))
 
 
 def plane_path(problem: OptimalControlProblem, states: Array) -> Array:
@@ -61,3 +75,98 @@ def samples_figure(
         figure.legend(loc="outside right center", title="cluster (samples)")
 
     return save_figure(path, (7.4, 5.0), draw)
+
+
+def winding_coordinate(problem: OptimalControlProblem) -> int:
+    """The state coordinate that distinguishes the windings of the goal.
+
+    The first one in which the goal states differ; without windings the first periodic one, or else the first.
+    """
+    winding = np.ptp(problem.targets, axis=0) > 0
+    periodic = problem.system.state.periods > 0
+    return int(np.argmax(winding if winding.any() else periodic))
+
+
+def choose_interpolated(validation: Samples, snn: Planner, moe: Planner, training: Samples, k: int = 8) -> int:
+    """The row of ``validation`` that best shows how a single network averages over families of optimal trajectories.
+
+    A case shows it if the mixture's plan ends at the end of the optimal one (within the radius of the goal ball, with
+    the same winding), the ``k`` nearest training samples belong to at least two families, and the plan of the single
+    network ends between two goal states and farther than the radius from both, in the coordinate that distinguishes
+    windings. Cases with neighbours of three or more families come first, then the one farthest from every goal state.
+    If no case satisfies all conditions, the same order without them decides; of equal cases the first is chosen.
+    """
+    problem, p = validation.problem, validation.parameters
+    around = np.sort(training.mode[NearestPlanner(training).neighbours(p, k)], axis=1)
+    modes = np.minimum(1 + (np.diff(around, axis=1) != 0).sum(axis=1), 3)
+
+    ends = moe(p).states[:, -1]
+    close = np.linalg.norm(ends - validation.trajectory.states[:, -1], axis=1) < problem.goal.radius
+
+    coordinate = winding_coordinate(problem)
+    targets = problem.targets[:, coordinate]
+    reached = snn(p).states[:, -1, coordinate]
+    distance = np.abs(reached[:, None] - targets).min(axis=1)
+    # Beyond the outermost goal state, and where it is not finite, a plan does not average over families.
+    distance = np.where((reached > targets.min()) & (reached < targets.max()), distance, -1.0)
+    shows = close & (modes >= 2) & (distance > problem.goal.radius)
+    # The last key counts most; the first one lets the first of equal cases win.
+    return int(np.lexsort((-np.arange(len(p)), distance, modes, close, shows))[-1])
+
+
+def interpolation_figure(
+    path: str | os.PathLike[str],
+    optimal: Trajectory,
+    neighbours: Samples,
+    predictions: Mapping[str, Trajectory],
+    problem: OptimalControlProblem,
+) -> Path:
+    """Predictions from one initial state and the optimal trajectories of its neighbours, in the plane and over time.
+
+    Neighbours are coloured by their solution family, predictions dashed; all plans are batches of one. The right panel
+    shows the coordinate that distinguishes the windings.
+    """
+    plans = {"optimal": optimal, **predictions}
+    if wrong := {name: len(plan) for name, plan in plans.items() if len(plan) != 1}:
+        raise ValueError(f"expected batches of one trajectory, got {wrong}")
+    if len(plans) > 1 + len(_PLAN_COLORS):
+        raise ValueError(f"expected at most {len(_PLAN_COLORS)} predictions, got {list(predictions)}")
+    plane_path(problem, problem.goal.state[None])
+    index = winding_coordinate(problem)
+
+    def draw(figure: Figure) -> None:
+        plane, history = figure.subplots(1, 2)
+        for plan, style in _lines(optimal, neighbours, predictions):
+            x, y = plane_path(problem, plan.states[0])
+            plane.plot(x, y, **style)
+            plane.plot(x[0], y[0], "o", color=style["color"], markersize=3, zorder=style["zorder"])
+            history.plot(plan.times[0], plan.states[0, :, index], **style)
+            history.plot(plan.times[0, -1], plan.states[0, -1, index], "o", color=style["color"], markersize=3)
+        history.plot([], [], " ", label="neighbours by mode:")
+        for mode, count in zip(*np.unique(neighbours.mode, return_counts=True)):
+            name = f"{coordinate_text(problem.modes.names[mode])} ({count})"
+            history.plot([], [], color=cluster_color(int(mode)), linewidth=1.0, label=name)
+        finish_plane(plane, problem)
+        for target in problem.targets[:, index]:
+            history.axhline(target, color=INK, linestyle=":", linewidth=1.0, zorder=1)
+        history.set_xlabel("time, s")
+        label_state(history, problem.system.state.coordinates[index])
+        handles, names = history.get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside right center")
+
+    return save_figure(path, (10.0, 3.8), draw)
+
+
+def _lines(
+    optimal: Trajectory, neighbours: Samples, predictions: Mapping[str, Trajectory]
+) -> list[tuple[Trajectory, dict[str, Any]]]:
+    """Trajectories of one and their look: neighbours thin, the optimum black, predictions dashed."""
+    thin = {"linewidth": 1.0, "alpha": 0.75, "zorder": 2}
+    lines: list[tuple[Trajectory, dict[str, Any]]] = [
+        (neighbours.trajectory[i], {"color": cluster_color(int(mode)), **thin})
+        for i, mode in enumerate(neighbours.mode)
+    ]
+    lines.append((optimal, {"color": INK, "linewidth": 2.2, "zorder": 3, "label": "optimal"}))
+    for (name, plan), color, dashes in zip(predictions.items(), _PLAN_COLORS, _PLAN_DASHES):
+        lines.append((plan, {"color": color, "dashes": dashes, "linewidth": 2.2, "zorder": 4, "label": name}))
+    return lines

@@ -1,16 +1,23 @@
-"""One style for all figures, and how they are saved."""
+"""One style for all figures: colours, names on axes, and how they are saved."""
 
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable, Iterable
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from moe_policy.learning.clustering import Labels
+from ocp_envs.data.samples import Samples
 from ocp_envs.support.files import replacing
+from ocp_envs.system import Coordinate
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: matplotlib's settings of all figures.
@@ -32,6 +39,10 @@ STYLE: dict[str, Any] = {
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
 _CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
 _LINES = ("-", "--", ":", "-.")
+#: Formats of figures, and the metadata that is left out, so that equal figures are equal files.
+_METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
+INK = "#000000"
+_GREEK = {"theta": "θ", "omega": "ω", "phi": "φ", "psi": "ψ", "pi": "π"}
 
 
 def cluster_color(cluster: int) -> str:
@@ -49,10 +60,6 @@ def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
         color = COLORS[list(variants).index(policy) % len(COLORS)]
         found[name] = {"color": color, "linestyle": _LINES[nth % len(_LINES)]}
     return found
-
-
-#: Formats of figures, and the metadata that is left out, so that equal figures are equal files.
-_METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
 
 
 def _in_a_palette(png: BytesIO) -> bytes:
@@ -89,3 +96,30 @@ def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: C
             with replacing(file) as content:
                 content.write(_in_a_palette(drawn) if file.suffix == ".png" else drawn.getvalue())
     return files[0]
+
+
+def coordinate_text(name: str) -> str:
+    """``theta_f = -2 pi, backwards`` → ``θ_f = −2π, backwards``, with the index as a subscript."""
+    text = re.sub("[a-z]+", lambda word: _GREEK.get(word[0], word[0]), name)
+    text = re.sub(r"\b(\w)_(\w)\b", r"$\1_\2$", text)
+    text = re.sub(r"(\d) π", r"\1π", text).replace(" 0π", " 0")
+    return re.sub(r"-(?=[\dπ])", "−", text)
+
+
+def label_state(axes: Axes, coordinate: Coordinate) -> None:
+    """Name the state coordinate on the y axis of ``axes``; the ticks of angles are the multiples of π in view."""
+    axes.set_ylabel(coordinate_text(coordinate.name) + ("" if coordinate.unit == "1" else f", {coordinate.unit}"))
+    if coordinate.period is not None and np.isclose(coordinate.period, 2 * np.pi):
+        low, high = axes.get_ylim()
+        multiples = np.arange(np.ceil(low / np.pi), np.floor(high / np.pi) + 1)
+        short = {-1: "−π", 0: "0", 1: "π"}
+        names = [short.get(int(count), coordinate_text(f"{count:.0f} pi")) for count in multiples]
+        axes.set_yticks(multiples * np.pi, names)
+
+
+def check_labels(samples: Samples, labels: Labels, shown: int = 1) -> None:
+    """Raise a ``ValueError`` unless there is one label for each sample and at least one is shown."""
+    if len(labels) != len(samples.parameters):
+        raise ValueError(f"expected a label for each of {len(samples.parameters)} samples, got {len(labels)}")
+    if shown < 1:
+        raise ValueError(f"shown must be at least 1, got {shown}")

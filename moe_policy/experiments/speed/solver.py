@@ -103,8 +103,7 @@ def draw(problem: OptimalControlProblem, size: int, seed: int) -> tuple[Array, I
 def all_guesses(
     problem: OptimalControlProblem, solve: Solve, parameters: Array, stored: int, seed: int
 ) -> dict[str, Trajectory]:
-    """A guess of every kind for ``parameters``, those of `draw`; warm ones from ``stored`` instances that are solved.
-    """
+    """A guess of every kind for ``parameters``, of `draw`; warm ones from ``stored`` instances, solved here."""
     windings = np.tile(np.arange(len(problem.targets)), len(parameters) // len(problem.targets))
     line = guesses(problem, parameters, windings, np.random.default_rng(seed + 3), "line")
     cold = guesses(problem, parameters, windings, np.random.default_rng(seed + 1), random_kind(problem))

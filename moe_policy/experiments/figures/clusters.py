@@ -1,4 +1,4 @@
-"""Figures over the box of two parameters and in the phase plane: the discontinuity, clusters, errors."""
+"""Figures of clusters: in the phase plane, over the box of two parameters, and over time."""
 
 from __future__ import annotations
 
@@ -9,11 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from moe_policy.experiments.figures.style import COLORS, cluster_color, save_figure
+from moe_policy.experiments.figures.style import (
+    COLORS,
+    INK,
+    check_labels,
+    cluster_color,
+    coordinate_text,
+    label_state,
+    save_figure,
+)
 from moe_policy.learning.clustering import Labels
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -80,22 +87,29 @@ def clusters_figure(path: str | os.PathLike[str], samples: Samples, partitions: 
     return save_figure(path, (3.2 * len(partitions), 3.0), draw)
 
 
-def error_figure(path: str | os.PathLike[str], errors: Mapping[str, tuple[Array, Array]], radius: float) -> Path:
-    """Error of the predicted final state against that after tracking and regulation, each (B,), a panel per model."""
+def histories_figure(
+    path: str | os.PathLike[str], samples: Samples, labels: Labels, shown: int = 40, seed: int = 0
+) -> Path:
+    """Histories of at most ``shown`` samples a cluster: a row for each coordinate, a column for each cluster."""
+    check_labels(samples, labels, shown)
+    problem, generator = samples.problem, np.random.default_rng(seed)
+    chosen = [generator.permutation(np.flatnonzero(labels.values == i))[:shown] for i in range(labels.k)]
 
     def draw(figure: Figure) -> None:
-        columns = 3
-        rows = -(-len(errors) // columns)
-        axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-        for ax, (name, (predicted, tracked)) in zip(axes.ravel(), errors.items()):
-            failed = ~(tracked < radius)
-            for chosen, color in ((~failed, COLORS[0]), (failed, COLORS[1])):
-                ax.plot(np.maximum(predicted[chosen], 1e-5), np.maximum(tracked[chosen], 1e-9), ".", color=color, ms=3)
-            ax.axhline(radius, color="black", linestyle="--", linewidth=0.8)
-            ax.set(xscale="log", yscale="log", title=f"{name}: {int(failed.sum())} failures")
-        for ax in axes[-1]:
-            ax.set_xlabel("error of the predicted end")
-        for ax in axes[:, 0]:
-            ax.set_ylabel("error after the hold")
+        coordinates = problem.system.state.coordinates
+        grid = figure.subplots(len(coordinates), labels.k, sharex=True, sharey="row", squeeze=False)
+        for i, rows in enumerate(chosen):
+            batch = samples.trajectory[rows]
+            for axes, states in zip(grid[:, i], np.moveaxis(batch.states, 2, 0)):
+                axes.plot(batch.times.T, states.T, color=cluster_color(i), linewidth=0.5, alpha=0.6)
+            grid[0, i].set_title(
+                f"{coordinate_text(labels.names[i])}\n({labels.sizes[i]:,})".replace(", ", "\n"), fontsize=8
+            )
+            grid[-1, i].set_xlabel("time, s")
+        for j, coordinate in enumerate(coordinates):
+            for target in np.unique(problem.targets[:, j]):
+                for axes in grid[j]:
+                    axes.axhline(target, color=INK, linestyle=":", linewidth=0.8)
+            label_state(grid[j, 0], coordinate)
 
-    return save_figure(path, (9.0, 2.4 * -(-len(errors) // 3)), draw)
+    return save_figure(path, (1.2 + 1.4 * labels.k, 0.8 + 1.4 * problem.system.nx), draw)
