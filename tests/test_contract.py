@@ -138,16 +138,17 @@ def test_sets_are_disjoint(problem):
         assert judged.query(parameters)[0].min() > 1e-9, name
 
 
+@pytest.mark.parametrize("count", [10, pytest.param(20, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("problem", [p for p in REFERENCED if (p, "nearest") in MODELS], ids=name_of)
-def test_no_warm_start_finds_less_than_the_reference_cost(problem):
+def test_no_warm_start_finds_less_than_the_reference_cost(problem, count):
     shipped = reference.load(problem, "validation")
     nearest = moe_policy.load(problem.id, "nearest")
-    p, best = shipped.parameters[:10], shipped.cost[:10]
+    p, best = shipped.parameters[:count], shipped.cost[:count]
     with GuardedSolver(problem) as solver:  # fatrop hangs on some warm starts of the obstacle problem
         planner = SolverPlanner(problem, nearest, solver=solver)
         cost = planner.best(p)[1]
     assert (cost > best * (1 - 1e-3)).all()
-    assert (cost < best * (1 + 1e-3)).sum() >= 9
+    assert (cost < best * (1 + 1e-3)).sum() >= 0.9 * count
 
 
 # -- models ------------------------------------------------------------------------------------------------------------

@@ -32,7 +32,8 @@ pytestmark = [
     pytest.mark.usefixtures("interpreted"),
     pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
 ]
-ROWS = 24
+#: Rows of samples that need solutions, and of those that are drawn with ``-m slow``.
+ROWS, MANY_ROWS = 24, 60
 #: The first row of a sample with seed 5, of a draw from outside the box with seed 5, and of a reset with seed 3.
 RECORDED = {
     "PendulumSwingup-v0": (
@@ -124,15 +125,15 @@ def test_bad_sizes_are_refused(call):
 # -- where an obstacle is in the way -----------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def drawn():
-    return sample(QUADCOPTER_OBSTACLE, 5, ROWS)
+@pytest.fixture(scope="module", params=[ROWS, pytest.param(MANY_ROWS, marks=pytest.mark.slow)])
+def drawn(request):
+    return sample(QUADCOPTER_OBSTACLE, 5, request.param)
 
 
 @pytest.fixture(scope="module")
 def plans(drawn):
     """Optimal trajectories of the free problem."""
-    windings = np.zeros(ROWS, np.int64)
+    windings = np.zeros(len(drawn), np.int64)
     line = guesses(QUADCOPTER, drawn[:, :3], windings, np.random.default_rng(1), "line")
     with GuardedSolver(QUADCOPTER) as solver:
         solutions = solver.solve(drawn[:, :3], line, windings)
@@ -180,12 +181,12 @@ def test_a_conditioned_sample_depends_on_seed_and_index_alone(drawn):
 
 def test_workers_and_chunks_change_nothing(drawn, monkeypatch):
     monkeypatch.setattr(sampling, "_CHUNK", 9)
-    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, ROWS, workers=2), drawn)
+    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, len(drawn), workers=2), drawn)
 
 
 def test_interpolated_paths_decide_as_solved_ones_do(drawn, monkeypatch):
     monkeypatch.setattr(free_paths, "shipped", lambda problem: None)  # all are solved
-    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, ROWS), drawn)
+    np.testing.assert_array_equal(sample(QUADCOPTER_OBSTACLE, 5, len(drawn)), drawn)
 
 
 def test_the_table_is_as_accurate_as_it_says(drawn, plans):
@@ -338,7 +339,8 @@ def run_script(monkeypatch, tmp_path, *arguments):
     make_starts.main()
 
 
-def test_the_script_makes_both_tables_and_keeps_those_that_are_there(monkeypatch, tmp_path):
+@pytest.mark.parametrize(("paths", "fresh"), [(44, 3), pytest.param(60, 5, marks=pytest.mark.slow)])
+def test_the_script_makes_both_tables_and_keeps_those_that_are_there(monkeypatch, tmp_path, paths, fresh):
     written = {}
 
     def save(problem, name, **arrays):
@@ -350,13 +352,14 @@ def test_the_script_makes_both_tables_and_keeps_those_that_are_there(monkeypatch
         run_script(monkeypatch, tmp_path, "--again")  # the package is replaced only on request
     run_script(monkeypatch, tmp_path)
     assert (written, list(tmp_path.iterdir())) == ({}, [])
-    run_script(monkeypatch, tmp_path, "--again", "--ship", "--paths", "44", "--fresh", "3", "--starts", "3")
+    sizes = ["--paths", str(paths), "--fresh", str(fresh), "--starts", "3"]
+    run_script(monkeypatch, tmp_path, "--again", "--ship", *sizes)
     starts = written["QuadcopterObstacle-v0", "starts"]["parameters"]
     np.testing.assert_allclose(starts, tables.starts(QUADCOPTER_OBSTACLE)[:3], rtol=1e-12)
-    paths = written["Quadcopter-v0", "paths"]
-    assert paths["spines"].shape == (44, 20, 2, 3)
-    np.testing.assert_allclose(paths["spines"][:, 0, 0], paths["parameters"], atol=1e-5)
+    table = written["Quadcopter-v0", "paths"]
+    assert table["spines"].shape == (paths, 20, 2, 3)
+    np.testing.assert_allclose(table["spines"][:, 0, 0], table["parameters"], atol=1e-5)
     record = json.loads((tmp_path / "starts_QuadcopterObstacle-v0.json").read_text())
-    assert record["errors"]["1"] == paths["error"] > 0.01
+    assert record["errors"]["1"] == table["error"] > 0.01
     with pytest.raises(SystemExit, match="uniformly"):
         run_script(monkeypatch, tmp_path, "--env", "PendulumSwingup-v0")
