@@ -49,6 +49,7 @@ from moe_policy.rl.training import TrainingRun as TrainingRun
 from moe_policy.rl.training import train as train
 from moe_policy.rollouts.environments import environments as environments
 from moe_policy.rollouts.episodes import Episodes as Episodes
+from moe_policy.rollouts.intervals import Estimate as Estimate
 from moe_policy.rollouts.intervals import Proportion as Proportion
 from moe_policy.rollouts.metrics import CostRatio as CostRatio
 from moe_policy.rollouts.metrics import Metrics as Metrics
