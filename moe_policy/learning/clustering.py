@@ -81,13 +81,10 @@ def cluster(
     Args:
         database: a Database or its samples, M of them.
         method: ``"custom"``, ``"kmeans"`` or ``"kmeans-pca"``.
-        k: number of clusters, for k-means; ``custom`` has those of the problem's solution families that occur.
-        components: number of principal components, for ``kmeans-pca``.
+        k: number of clusters, for k-means alone; ``custom`` has those of the problem's solution families that occur.
+        components: number of principal components, for ``kmeans-pca`` alone.
         seed: of the initial centres of k-means.
         n_init: number of runs of k-means, the best of which is kept.
-
-    Raises:
-        ValueError: an unknown method, or arguments that do not belong to it.
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; {did_you_mean(method, METHODS)}known are {list(METHODS)}")

@@ -25,19 +25,16 @@ class WithMargin:
     Args:
         problem: what is planned for.
         planner: the planner.
-        parameter: name of the parameter that is enlarged, such as ``"radius"``.
+        parameter: name of the parameter that is enlarged, such as ``"radius"``: one of the context, since with another
+            initial state the plan would not begin where it should.
         margin: by how much, in the parameter's unit.
         name: short name for tables; by default that of the planner with the margin.
-
-    Raises:
-        ValueError: no such parameter, one that is part of the initial state, or a margin that is not finite.
     """
 
     def __init__(
         self, problem: OptimalControlProblem, planner: Planner, parameter: str, margin: float, name: str | None = None
     ) -> None:
         if parameter not in problem.context.names or parameter not in problem.parameters.names:
-            # With another initial state the plan would not begin where it should.
             raise ValueError(f"expected a parameter of the context {problem.context.names}, got {parameter!r}")
         if not math.isfinite(margin):
             raise ValueError(f"the margin must be finite, got {margin}")
