@@ -20,8 +20,9 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, Comparison, ComparisonRow, CostDifference, planning_seconds, run
+from moe_policy.experiments.comparison import COLUMNS, Comparison, ComparisonRow, CostDifference, run
 from moe_policy.experiments.figures.comparison import comparison_figure
+from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import (
     Method,
     optimal_planner,
@@ -98,9 +99,9 @@ def compare(
     solved = int(np.isfinite(found).sum())
     cli.say(f"optimal trajectories: {solved} solved; {difference.within} at the reference cost within 0.1 %")
     planner = optimal_planner(problem, nearest)
-    planning = planning_seconds(planner, parameters, (1,), repeats=20)
+    planning = time_planner(planner, parameters, (1,), repeats=20)
     if len(parameters) >= 1000:  # fewer would be solved repeatedly
-        planning |= planning_seconds(planner, parameters, (1000,), repeats=1)
+        planning |= time_planner(planner, parameters, (1000,), repeats=1)
     # The solutions are tracked, not solved again.
     row, baseline = run(problem, Method("optimal", StoredPlans(parameters, trajectories)), parameters, batches=())
     rows, episodes = [replace(row, planning_seconds=planning)], {"optimal": baseline}

@@ -18,7 +18,6 @@ from moe_policy.experiments.records import ABSENT, Absent, Record, inline, prese
 from moe_policy.experiments.tables import Column, duration, proportion
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.prediction_error import validation_error
-from moe_policy.protocols import Planner
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.metrics import Metrics, evaluate
@@ -139,20 +138,10 @@ def run(
     weights: TrackingWeights | None = None,
     batches: tuple[int, ...] = (1, 1000),
 ) -> tuple[ComparisonRow, Episodes]:
-    """Roll ``method`` out and evaluate it.
+    """Roll ``method`` out from ``parameters`` (B, np) and evaluate it: the row and the episodes.
 
-    Args:
-        problem: the problem.
-        method: what acts.
-        parameters: p of the episodes, (B, np).
-        optimal: optimal trajectories for them, for the prediction error of networks.
-        baseline: the episodes with which costs are compared; the method's own where not given.
-        dt: control period, seconds.
-        weights: of tracking and terminal regulation; the problem's own where not given.
-        batches: batch sizes for which planning is timed.
-
-    Returns:
-        the row and the episodes.
+    ``optimal`` trajectories serve the prediction error of networks. Costs are compared with those of ``baseline``, by
+    default the method's own; ``weights`` are the problem's own by default; planning is timed for the sizes ``batches``.
     """
     envs = environments(problem, min(len(parameters), BATCH), dt)
     episodes = rollout(envs, method.policy(problem, dt, weights), parameters)
@@ -164,7 +153,7 @@ def run(
         data=method.data,
         training_seconds=method.seconds,
         metrics=evaluate(problem, episodes, episodes if baseline is None else baseline),
-        planning_seconds=ABSENT if planner is None else planning_seconds(planner, parameters, batches),
+        planning_seconds=ABSENT if planner is None else time_planner(planner, parameters, batches),
         parameters_total=getattr(method.actor, "parameters_total", None),
         parameters_active=getattr(method.actor, "parameters_active", None),
         test_error=ABSENT if network is None else network.details["training"]["test_error"],
@@ -177,20 +166,6 @@ def _prediction(planner: NetworkPlanner, parameters: Array, optimal: Trajectory 
     if optimal is None or not (known := optimal.finite).any():
         return None
     return validation_error(planner, parameters[known], optimal[known])
-
-
-def planning_seconds(
-    planner: Planner, parameters: Array, batches: tuple[int, ...], repeats: int = 5
-) -> dict[str, float]:
-    """Seconds per plan by batch size, as in the records.
-
-    Args:
-        planner: the planner.
-        parameters: p of the plans, (B, np).
-        batches: the batch sizes.
-        repeats: timed calls for each size.
-    """
-    return {str(size): seconds for size, seconds in time_planner(planner, parameters, batches, repeats).items()}
 
 
 def _planning(size: str) -> Callable[[ComparisonRow], float | None]:

@@ -62,12 +62,7 @@ def _block(database: Database, where: slice, rows: StoredRows) -> _Block:
 
 
 def contents(database: Database, accuracy: Accuracy | None = None) -> Contents:
-    """The statistics of ``database``, of which some thousand instances at a time are read and checked.
-
-    Args:
-        database: the database.
-        accuracy: of some of its plans, for the record.
-    """
+    """The statistics of ``database``, read and checked in blocks, with the ``accuracy`` of some of its plans."""
     blocks = [_block(database, where, rows) for where, rows in database.blocks()]
     modes_found, found, best, statuses = (
         np.sum([getattr(block, name) for block in blocks], axis=0).tolist()
@@ -101,13 +96,7 @@ def contents(database: Database, accuracy: Accuracy | None = None) -> Contents:
 
 
 def accuracy_of(database: Database, cases: int, seed: int = 0) -> Accuracy | None:
-    """The accuracy of the best plans of random solved instances; ``None`` without any.
-
-    Args:
-        database: the database.
-        cases: number of instances.
-        seed: of their choice.
-    """
+    """The accuracy of the best plans of random solved instances, ``cases`` of them; ``None`` without any."""
     order = np.random.default_rng(seed).permutation(len(database))
     priced = order[np.isfinite(database.costs()[order]).any(axis=1)]
     unfinished = len(priced) - database.totals()["solved"]  # costs that an interrupted chunk left

@@ -122,12 +122,7 @@ class DataReport(Record):
 
 
 def text(title: str, records: Mapping[str, SplitReport]) -> str:
-    """The report.
-
-    Args:
-        title: first line.
-        records: by name of the split.
-    """
+    """The report with ``title`` as its first line, from ``records`` by name of the split."""
     columns = {
         name: _effort(record) | _contents(record) | _accuracy(record.accuracy) for name, record in records.items()
     }

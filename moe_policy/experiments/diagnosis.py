@@ -52,16 +52,10 @@ def explain(
     at: EvaluatedAt | str = EvaluatedAt.EVALUATION_TIME,
     neighbours: int = 3,
 ) -> list[Failure]:
-    """Every instance on which ``planner`` fails, with its cause.
+    """Every instance of ``cases`` on which the mixture ``planner``, trained on ``training``, fails, with its cause.
 
-    Args:
-        problem: the problem.
-        planner: a mixture of experts.
-        cases: solved instances, such as the validation set; at least one.
-        training: the solved instances that the mixture was trained on.
-        dt: control period, seconds.
-        at: when tracked plans are evaluated, the mixture's and all others.
-        neighbours: number of nearest training samples that are tracked before the data count as the cause.
+    ``at`` says when tracked plans are evaluated; the data count as the cause where none of the nearest ``neighbours``
+    training samples succeeds.
 
     Raises:
         TypeError: a planner without gate and experts.
@@ -220,11 +214,9 @@ def _right_experts(planner: NetworkPlanner, modes: Ints) -> Bools:
 
 
 def _nearest(training: Samples, cases: Samples, neighbours: int) -> tuple[Ints, Array]:
-    """The nearest training samples of the same solution family.
+    """The nearest training samples of the same solution family, with the distance to the first.
 
-    Returns:
-        their rows, nearest first, −1 where there are no more, (B, neighbours), and the distance to the first of them,
-        +inf where there is none, (B,).
+    Rows (B, neighbours) are −1 and distances (B,) are +inf where there are no more.
     """
     rows = np.full((len(cases), neighbours), -1, dtype=np.int64)
     distance = np.full(len(cases), np.inf)

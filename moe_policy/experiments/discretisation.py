@@ -34,12 +34,7 @@ COLLOCATION = "collocation"
 
 
 def refined(trajectory: Trajectory, factor: int) -> Trajectory:
-    """Plans on a grid with ``factor`` times as many intervals: states interpolated, controls repeated.
-
-    Args:
-        trajectory: B plans.
-        factor: intervals of the result for each interval of a plan.
-    """
+    """Plans on a grid with ``factor`` times as many intervals: states interpolated, controls repeated."""
     states, count = trajectory.states, trajectory.controls.shape[1]
     weight = (np.arange(count * factor + 1) % factor / factor)[:, None]
     before = np.minimum(np.arange(count * factor + 1) // factor, count)
@@ -49,14 +44,7 @@ def refined(trajectory: Trajectory, factor: int) -> Trajectory:
 
 
 def held_costs(problem: OptimalControlProblem, parameters: Array, plans: Trajectory, factor: int) -> Array:
-    """Optimal costs on a grid with ``factor`` times as many intervals, (B,); +inf where the solve fails.
-
-    Args:
-        problem: the problem.
-        parameters: (B, np).
-        plans: B optimal plans, from which the solves start.
-        factor: see above.
-    """
+    """Optimal costs (B,) on a grid with ``factor`` times as many intervals, from ``plans``; +inf without a solution."""
     finer = dataclasses.replace(problem, knots=(problem.knots - 1) * factor + 1)
     with GuardedSolver(finer) as solver:
         windings = np.full(len(parameters), NEAREST_WINDING)
@@ -64,12 +52,7 @@ def held_costs(problem: OptimalControlProblem, parameters: Array, plans: Traject
 
 
 class Collocation:
-    """The optimum of one instance by compressed Hermite-Simpson collocation.
-
-    Args:
-        problem: the problem.
-        intervals: number of intervals.
-    """
+    """The optimum of one instance by compressed Hermite-Simpson collocation on ``intervals``."""
 
     def __init__(self, problem: OptimalControlProblem, intervals: int) -> None:
         self.problem, self.intervals = problem, intervals
@@ -106,12 +89,7 @@ class Collocation:
         )
 
     def cost(self, p: Array, plan: Trajectory) -> float:
-        """The optimal cost; +inf where IPOPT fails.
-
-        Args:
-            p: the instance, (np,).
-            plan: a batch of one plan on a grid of the same intervals, from which IPOPT starts.
-        """
+        """The optimal cost of ``p`` (np,); +inf where IPOPT fails, which starts from ``plan``, one on this grid."""
         problem, (states, controls) = self.problem, (plan.states[0], plan.controls[0])
         (start,), (context,) = problem.start(p[None])
         target = problem.targets[np.abs(problem.targets - states[-1]).sum(axis=1).argmin()]
@@ -130,19 +108,12 @@ class Collocation:
 
 @dataclass(frozen=True, kw_only=True)
 class Excess(Record):
-    """How much plans cost more than an estimate of the optimum in continuous time, in per cent.
+    """How much plans cost more than an estimate of the optimum in continuous time, in per cent."""
 
-    Args:
-        estimate: ``"held ×m"`` or ``"collocation"``.
-        intervals: intervals of the estimate's grid.
-        cases: instances on which the estimate was solved.
-        mean, quantile_95, maximum: of the excess cost, %.
-    """
-
-    estimate: str
-    intervals: int
-    cases: int
-    mean: float
+    estimate: str  # ``"held ×m"`` or ``"collocation"``
+    intervals: int  # of the estimate's grid
+    cases: int  # instances on which the estimate was solved
+    mean: float  # of the excess cost, %, and so on
     quantile_95: float
     maximum: float
 
@@ -159,26 +130,18 @@ class Discretisation(Record):
     provenance: Provenance  # where the record comes from
 
 
-PER_CENT = ".3f"
 COLUMNS: Sequence[Column[Excess]] = (
     Column("optimum in continuous time, estimated by", lambda row: row.estimate),
     Column("intervals", lambda row: row.intervals),
     Column("instances", lambda row: row.cases),
-    Column("excess cost, mean, %", lambda row: row.mean, PER_CENT),
-    Column("95 % quantile", lambda row: row.quantile_95, PER_CENT),
-    Column("maximum", lambda row: row.maximum, PER_CENT),
+    Column("excess cost, mean, %", lambda row: row.mean, ".3f"),
+    Column("95 % quantile", lambda row: row.quantile_95, ".3f"),
+    Column("maximum", lambda row: row.maximum, ".3f"),
 )
 
 
 def excess(estimate: str, intervals: int, plans: Array, optimum: Array) -> Excess:
-    """The excess of ``plans`` over ``optimum``.
-
-    Args:
-        estimate: name of the estimate.
-        intervals: of its grid.
-        plans: costs of B plans, (B,).
-        optimum: estimated optimal costs, (B,); +inf where unknown.
-    """
+    """The excess of the costs ``plans`` (B,) over the estimated ``optimum`` (B,), +inf where unknown."""
     known = np.isfinite(optimum) & np.isfinite(plans)
     percent = 100 * (plans[known] / optimum[known] - 1)
     high, maximum = np.quantile(percent, [0.95, 1.0]).tolist()
@@ -193,13 +156,7 @@ def excess(estimate: str, intervals: int, plans: Array, optimum: Array) -> Exces
 
 
 def estimates(problem: OptimalControlProblem, parameters: Array, plans: Trajectory) -> Mapping[str, tuple[int, Array]]:
-    """Intervals of the grid, and costs (B,), of each estimate of the optimum in continuous time.
-
-    Args:
-        problem: the problem.
-        parameters: (B, np).
-        plans: B optimal plans.
-    """
+    """Intervals of the grid, and costs (B,), of each estimate of the optimum in continuous time, from ``plans``."""
     coarse = problem.knots - 1
     found: dict[str, tuple[int, Array]] = {
         f"held ×{factor}": (coarse * factor, held_costs(problem, parameters, plans, factor)) for factor in FINER

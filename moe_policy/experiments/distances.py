@@ -75,14 +75,9 @@ def measures_of(problem: OptimalControlProblem) -> tuple[Measure, ...]:
 
 
 def log_bins(distances: Array, per_decade: int = PER_DECADE, minimum: int = MINIMUM) -> Array:
-    """Edges (K + 1,) of bins with equal ratios; neighbours are merged until each has enough distances.
+    """Edges (K + 1,) of bins of ``distances`` (B,) with equal ratios, ``per_decade`` of them in a factor of ten.
 
-    The last bin takes the remainder. Fewer than ``minimum`` distances are one bin.
-
-    Args:
-        distances: (B,), positive.
-        per_decade: bins in a factor of ten before merging.
-        minimum: number of distances in a bin.
+    Neighbours are merged until each has ``minimum`` distances. The last bin takes the remainder; fewer are one bin.
 
     Raises:
         ValueError: no distances, or one that is not positive and finite.
@@ -117,13 +112,7 @@ class DistanceCurves(Record):
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, distances: Array, episodes: Mapping[str, Episodes]) -> Self:
-        """The curves of some methods.
-
-        Args:
-            problem: the problem.
-            distances: of the episodes' instances, (B,), not finite where unknown.
-            episodes: by the name of the method, B each, all of the same instances.
-        """
+        """The curves of ``episodes`` by method, B each, over ``distances`` (B,), not finite where unknown."""
         known = np.isfinite(distances)
         inside = np.maximum(distances[known], _TINY)
         edges = log_bins(inside)

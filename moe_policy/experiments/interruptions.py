@@ -73,14 +73,7 @@ class Interruptions(Record):
 
 
 def plan_kills(kinds: Sequence[str], chunks: int, delay: float, seed: int) -> list[Kill]:
-    """A kill of each kind, at random moments.
-
-    Args:
-        kinds: of the processes.
-        chunks: number of chunks of the generation.
-        delay: maximum of :attr:`Kill.delay`, seconds.
-        seed: of the moments.
-    """
+    """A kill of each kind, at random moments of a generation of ``chunks``; delays are up to ``delay`` seconds."""
     rng = np.random.default_rng(seed)
     at = np.sort(rng.integers(0, max(1, int(0.8 * chunks)), len(kinds)))
     return [Kill(str(kind), int(n), float(rng.uniform(0, delay))) for kind, n in zip(rng.permutation(list(kinds)), at)]
@@ -132,12 +125,7 @@ def _strike(process: subprocess.Popen[bytes], kind: str) -> bool:
 
 
 def wait_for_chunks(process: subprocess.Popen[bytes], path: Path, count: int) -> None:
-    """Wait until ``count`` chunks are complete, or the process has ended.
-
-    Args:
-        process: the generation.
-        path: of its database.
-        count: number of chunks.
+    """Wait until ``count`` chunks of the database at ``path`` are complete, or ``process`` has ended.
 
     Raises:
         TimeoutError: no new chunk for :data:`STUCK` seconds.
@@ -154,13 +142,9 @@ def wait_for_chunks(process: subprocess.Popen[bytes], path: Path, count: int) ->
 def generate_interrupted(
     command: Sequence[str], path: Path, kills: Sequence[Kill], say: Callable[[str], None] = print
 ) -> Interrupted:
-    """Run a generation and kill its processes; a killed parent is started again with the same command.
+    """Run ``command``, which generates into ``path``, and kill its processes; a killed parent is started again.
 
-    Args:
-        command: generates into ``path``.
-        path: of the database.
-        kills: in order; those after the end of the generation are left out.
-        say: told of every kill.
+    Kills after the end of the generation are left out; ``say`` is told of every one.
 
     Raises:
         RuntimeError: the command failed by itself.

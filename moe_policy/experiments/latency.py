@@ -29,9 +29,6 @@ from ocp_envs.support.provenance import Provenance
 BATCHES = (1, 1000)
 
 
-# -- records -----------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True)
 class PlanRow(Record):
     """Seconds for each plan, and the time of the first planner / of this one, by size of the batch."""
@@ -65,19 +62,12 @@ class Latency(Record):
     provenance: Provenance
 
 
-# -- planners ----------------------------------------------------------------------------------------------------------
-
-
 def time_planner(
     planner: Planner, parameters: ArrayLike, batches: tuple[int, ...] = (1, 1000), repeats: int = 5
-) -> dict[int, float]:
-    """Seconds per plan for each size of batch: the median over ``repeats`` calls after one to warm up.
+) -> dict[str, float]:
+    """Seconds per plan by size of the batch: the median over ``repeats`` calls after one to warm up.
 
-    Args:
-        planner: parameters (B, np) → plans.
-        parameters: (n, np), n ≥ 1; repeated to fill a batch, and each call gets other rows where there are enough.
-        batches: sizes of a call.
-        repeats: timed calls for each size.
+    ``parameters`` (n, np) are repeated to fill a batch, and each call gets other rows where there are enough.
     """
     p = np.asarray(parameters, dtype=np.float64)
     seconds = {}
@@ -89,21 +79,16 @@ def time_planner(
             began = time.perf_counter()
             planner(p[chosen])
             taken.append(time.perf_counter() - began)
-        seconds[batch] = float(np.median(taken)) / batch
+        seconds[str(batch)] = float(np.median(taken)) / batch
     return seconds
 
 
 def planner_rows(
     planners: Mapping[str, Planner], p: Array, batches: Sequence[int], turns: int = 3, calls: int = 20
 ) -> tuple[PlanRow, ...]:
-    """Seconds for each plan of each planner: medians over its calls.
+    """Seconds for each plan of each planner, medians over its calls; the others are compared with the first one.
 
-    Args:
-        planners: by name; the others are compared with the first one.
-        p: parameters, (n, np), repeated to fill the calls.
-        batches: sizes of a call.
-        turns: turns of each planner; in each, a batch of 1 is planned ``calls`` times, a larger one once.
-        calls: of a batch of 1 in a turn.
+    ``p`` (n, np) is repeated to fill the calls. In a turn a batch of 1 is planned ``calls`` times, a larger one once.
     """
     taken: dict[tuple[str, int], list[float]] = defaultdict(list)
     for planner in planners.values():  # starts processes, compiles
@@ -125,20 +110,12 @@ def planner_rows(
     )
 
 
-# -- control steps -----------------------------------------------------------------------------------------------------
-
-
 def step_rows(
     problem: OptimalControlProblem, methods: Sequence[Method], p: Array, dt: float = 0.02, steps: int = 50
 ) -> tuple[StepRow, ...]:
     """Seconds of a control step of one environment, and of what a planner does before the first one.
 
-    Args:
-        problem: the problem.
-        methods: planners and policies; names must differ.
-        p: parameters of the episodes, (B, np), B ≥ 2; the first one warms up.
-        dt: control period, seconds.
-        steps: maximum number of control steps of an episode.
+    Episodes of at most ``steps`` steps begin from ``p`` (B, np), B ≥ 2, of which the first one warms up.
     """
     policies = {method.name: method.policy(problem, dt) for method in methods}
     taken: dict[tuple[str, str], list[float]] = defaultdict(list)
@@ -180,9 +157,6 @@ def _episode(envs: VectorEnv, policy: Policy, p: Array, steps: int) -> list[tupl
         if terminated.any():
             break
     return taken
-
-
-# -- tables ------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

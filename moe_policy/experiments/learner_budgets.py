@@ -65,14 +65,10 @@ class DevelopmentMetrics(Record):
     def of(
         cls, problem: OptimalControlProblem, episodes: Episodes, optimal_costs: Array, charged: Episodes | None = None
     ) -> Self:
-        """The metrics of ``episodes``.
+        """The metrics of ``episodes`` of all cases, whose best known costs are ``optimal_costs`` (B,).
 
-        Args:
-            problem: the problem.
-            episodes: of all cases.
-            optimal_costs: the best known costs of the cases, (B,).
-            charged: the same cases evaluated at the goal, for the return of policies that plan; their ``episodes`` end
-                with the plan.
+        The returns of policies that plan are those of ``charged``, the same cases evaluated at the goal, because
+        their ``episodes`` end with the plan.
         """
         found = Performance.of(problem, episodes, optimal_costs)
         returns = found if charged is None else Performance.of(problem, charged)
@@ -133,14 +129,11 @@ class LearnerBudget(Record):
 
 
 def over_seeds(curves: Iterable[tuple[Sequence[float], Sequence[float | None]]]) -> tuple[Array, Array]:
-    """The curves of all seeds at common points: (points (G,), values (S, G)).
+    """All seeds' ``curves``, (where evaluated, values), at common points: (points (G,), values (S, G)).
 
     Between evaluations curves are interpolated linearly; after its last evaluation a curve is extended with its final
     value. The points are those of the seed with the most evaluations, from the first one that all seeds have reached.
     A seed has NaN where an evaluation has no value; seeds without any value are left out.
-
-    Args:
-        curves: for each seed where it was evaluated and the values, ``None`` where there is none; of equal length.
     """
     sides = [(np.array(at, float), np.array(values, float)) for at, values in curves]  # None becomes NaN
     sides = [(at, values) for at, values in sides if np.isfinite(values).any()]

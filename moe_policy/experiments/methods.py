@@ -57,13 +57,7 @@ class Method:
         return None if isinstance(self.actor, Policy) else self.actor
 
     def policy(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> Policy:
-        """The actor as a policy.
-
-        Args:
-            problem: the problem.
-            dt: control period, seconds.
-            weights: of tracking and terminal regulation; the problem's own where not given.
-        """
+        """The actor as a policy with control period ``dt``, seconds; ``weights`` are the problem's own by default."""
         if self.planner is not None:
             return TrackingPolicy(problem, self.planner, dt, weights)
         acting: Any = self.actor
@@ -83,12 +77,10 @@ def steps(count: int) -> str:
 
 
 def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list[Method]:
-    """The shipped models that the problem's benchmark compares: nearest neighbour, networks, learners.
+    """The shipped models that the problem's benchmark compares: nearest neighbour, networks, learners; or none.
 
-    Args:
-        problem: the problem; one without shipped models has none.
-        results: folder of the learners' training records with their steps and durations; without it, or where a
-            record is missing, the steps are those of the policy and the duration is unknown.
+    The folder ``results`` has the learners' training records with their steps and durations. Without a record the steps
+    are those of the policy and the duration is unknown.
     """
     benchmark, known = benchmark_of(problem), store.available(problem)
     methods = []
@@ -110,16 +102,7 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
 
 
 def variants(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[Method]:
-    """The networks among ``methods``, averaged over the symmetry and with the margin, where the problem has them.
-
-    Args:
-        problem: the problem.
-        methods: of which those with other planners are left out.
-
-    Returns:
-        methods with a :class:`~moe_policy.planners.symmetric.Symmetrised` planner, then those with a
-        :class:`~moe_policy.planners.margin.WithMargin`.
-    """
+    """The networks among ``methods`` averaged over the symmetry, then with the margin, where the problem has them."""
     networks = [(method, method.actor) for method in methods if isinstance(method.actor, NetworkPlanner)]
     careful: list[tuple[Method, Symmetrised | WithMargin]] = []
     if problem.symmetry is not None:
@@ -137,26 +120,17 @@ def stabiliser(problem: OptimalControlProblem) -> list[Method]:
 
 
 def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | None = None) -> SolverPlanner:
-    """The optimal planner of comparisons.
-
-    Args:
-        problem: the problem.
-        nearest: source of its warm starts; by default the shipped one, and random guesses where none is shipped.
-    """
+    """The optimal planner of comparisons, with warm starts from ``nearest``, by default the shipped one if any."""
     return SolverPlanner(problem, store.shipped_nearest(problem) if nearest is None else nearest)
 
 
 def solve_all(
     problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None = None, keep: Path | None = None
 ) -> tuple[Trajectory, Array]:
-    """Optimal trajectories and their costs (B,), with a solver process for every core.
+    """Optimal trajectories from ``p`` (B, np) and their costs (B,), with a solver process for every core.
 
-    Args:
-        problem: the problem.
-        p: parameters, (B, np).
-        nearest: source of warm starts, as for :func:`optimal_planner`.
-        keep: folder where solved batches are kept, so that an interrupted run continues; a batch counts for its
-            problem, parameters and warm starts alone.
+    Solved batches are kept in the folder ``keep``, so that an interrupted run continues; a batch counts for its
+    problem, parameters and warm starts (``nearest``, as for :func:`optimal_planner`) alone.
     """
     local = threading.local()
     nearest = store.shipped_nearest(problem) if nearest is None else nearest

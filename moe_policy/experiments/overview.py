@@ -43,11 +43,7 @@ RL = "RL"
 
 
 def columns(overview: Overview) -> dict[str, str | None]:
-    """The name of the method in each column of methods, by the column's title.
-
-    Args:
-        overview: which learner and which mixture the benchmark shows.
-    """
+    """The name of the method in each column of methods, by the column's title."""
     return {
         "optimal": "optimal",
         "nearest": "nearest",
@@ -71,12 +67,7 @@ OVERVIEW_COLUMNS: tuple[Column[OverviewRow], ...] = (
 
 
 def overview_rows(comparison: Comparison, overview: Overview) -> list[OverviewRow]:
-    """The rows of one problem.
-
-    Args:
-        comparison: of its methods.
-        overview: which learner and which mixture stand in them.
-    """
+    """The rows of one problem."""
     rows = {row.name: row for row in comparison.rows}
     shown = {title: rows[name] for title, name in columns(overview).items() if name in rows}
     measures = _measures([row.metrics for row in shown.values()], comparison.cases)

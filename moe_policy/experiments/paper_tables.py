@@ -104,11 +104,7 @@ def summarised(problem: OptimalControlProblem) -> list[str]:
 
 
 def summary(sources: Sequence[Source]) -> tuple[tuple[SummaryColumn, ...], tuple[SummaryRow, ...]]:
-    """The columns and rows of the summary.
-
-    Args:
-        sources: one for each problem, in the order of their columns.
-    """
+    """The columns and rows of the summary of ``sources``, one for each problem, in the order of their columns."""
     columns, cells = [], {}
     for source in sources:
         env_id, models = source.problem.id, {row.name: row for row in reversed(source.rows)}

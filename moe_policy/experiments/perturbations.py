@@ -52,16 +52,10 @@ class Perturbation:
             raise ValueError(f"{self.name}: expected levels {bound}, got {self.levels}")
 
     def arguments(self, problem: OptimalControlProblem, level: float, dt: float = 0.02) -> dict[str, Any]:
-        """Arguments of the environment; none at level 0.
-
-        Args:
-            problem: the nominal problem.
-            level: in ``unit``.
-            dt: control period, seconds.
+        """Arguments of the environment at ``level`` with the control period ``dt``, seconds; none at level 0.
 
         Raises:
-            ValueError: a constant or coordinate that the problem does not have, or a delay that is not a whole number
-                of control steps.
+            ValueError: a constant or coordinate that the problem lacks, or a delay that is no multiple of ``dt``.
         """
         there = problem.system.constants if self.kind == "mismatch" else problem.system.state.names
         if unknown := [name for name in (*self.names, *self.divided) if name not in there]:
@@ -97,25 +91,12 @@ SENSING = (
 def mismatch(
     name: str, *constants: str, divided: tuple[str, ...] = (), levels: tuple[float, ...] = _WIDE
 ) -> Perturbation:
-    """Constants that differ by some per cent.
-
-    Args:
-        name: what they mean together, such as "inertia".
-        constants: those that are multiplied.
-        divided: those that are divided.
-        levels: per cent.
-    """
+    """Constants, and others that are ``divided``, that together differ by some per cent as ``name`` says."""
     return Perturbation(name, f"{name}, plant against model", "%", "mismatch", levels, constants, divided)
 
 
 def disturbance(unit: str, *coordinates: str, levels: tuple[float, ...]) -> Perturbation:
-    """Random accelerations.
-
-    Args:
-        unit: of the levels.
-        coordinates: velocities to whose derivatives they are added.
-        levels: standard deviations.
-    """
+    """Random accelerations of standard deviations ``levels``, added to the derivatives of ``coordinates``."""
     return Perturbation("disturbance", "random acceleration", unit, "disturbance", levels, coordinates)
 
 

@@ -41,10 +41,7 @@ class GenerationEffort(Record):
 
     @classmethod
     def read(cls, folder: Path, problem: OptimalControlProblem) -> Self | None:
-        """The effort for ``problem`` from ``generation_<env>.json`` in ``folder``, or else from ``data_<env>.json``.
-
-        ``None`` where neither has the training set.
-        """
+        """The effort from ``generation_<env>.json`` in ``folder``, or else ``data_<env>.json``; ``None`` if none."""
         generation, data = (folder / f"{name}_{problem.id}.json" for name in ("generation", "data"))
         splits: Mapping[str, Record] = read(generation, Generation, Generation(splits={})).splits
         if "training" not in splits and data.exists():
@@ -79,13 +76,7 @@ class PlannerBudget(Record):
         samples: int,
         training_seconds: Sequence[float],
     ) -> Self:
-        """The budget of a planner.
-
-        Args:
-            problem: the problem.
-            effort: for the whole training set.
-            samples: instances on which the planner was trained.
-            training_seconds: one a seed.
+        """The budget of a planner trained on ``samples`` instances of the set that took ``effort``, one time a seed.
 
         Raises:
             ValueError: more samples than instances were solved.
@@ -146,14 +137,9 @@ def planner_rows(
     names: Sequence[str],
     cases: int,
 ) -> tuple[PlannerRow, ...]:
-    """One row for each planner and number of training instances, in this order.
+    """One row for each of the planners ``names`` and number of training instances, in this order.
 
-    Args:
-        problem: the problem.
-        trained: the planners; the first one of a name and number counts.
-        effort: for the training set; ``None`` where it is not known.
-        names: of the planners that get rows.
-        cases: number of validation cases.
+    The first planner of a name and number counts. There are ``cases`` validation cases.
     """
     rows: dict[tuple[int, int], PlannerRow] = {}
     for row in trained:

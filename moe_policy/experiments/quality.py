@@ -39,9 +39,6 @@ ITERATIONS = 100
 SEED = 303
 
 
-# -- records -----------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True)
 class MissedOptimum(Record):
     """An instance whose cost (``None`` where unsolved) exceeds that of the search, which ended at ``target``."""
@@ -104,9 +101,6 @@ class Quality(Record):
     provenance: Provenance
 
 
-# -- the search --------------------------------------------------------------------------------------------------------
-
-
 def widened(problem: OptimalControlProblem) -> OptimalControlProblem:
     """``problem`` with all windings up to :data:`BEYOND` further that lie in the operating box."""
     goal, state = problem.goal, problem.system.state
@@ -138,14 +132,9 @@ def _search(env_id: str, cases: Array, count: int, seed: tuple[int, ...]) -> Arr
 
 
 def exhaustive(problem: OptimalControlProblem, cases: Array, count: int, workers: int | None, store: Path) -> Array:
-    """Costs of the search, (B, windings); +inf where none was found.
+    """Costs (B, windings) of the search from ``cases`` (B, np) with ``count`` guesses for each winding, +inf if none.
 
-    Args:
-        problem: the problem.
-        cases: parameters of the instances, (B, np).
-        count: number of guesses for each winding.
-        workers: number of processes; ``None`` for one per core.
-        store: file in which costs are kept, so that an interrupted search resumes.
+    They are kept in the file ``store``, so that an interrupted search resumes.
     """
     key = f"{problem.fingerprint} {count} {SEED} {ITERATIONS} {hashlib.sha256(cases[:1].tobytes()).hexdigest()}"
     costs = _kept(store, key, (len(cases), len(widened(problem).targets)))
@@ -177,15 +166,9 @@ def _kept(store: Path, key: str, shape: tuple[int, int]) -> Array:
 
 
 def compare(ours: Array, costs: Array, cases: Array, targets: Array, tolerance: float, seconds: float) -> Way:
-    """One way of solving against the search.
+    """Costs ``ours`` (B,), +inf where unsolved, against ``costs`` (B, windings) of the search from ``cases`` (B, np).
 
-    Args:
-        ours: its costs, (B,); +inf where it has no solution.
-        costs: those of the search, (B, windings).
-        cases: parameters of the instances, (B, np).
-        targets: states of the goal, (windings, nx).
-        tolerance: relative excess of cost that counts.
-        seconds: its duration.
+    ``targets`` (windings, nx) are states of the goal; ``tolerance`` is the relative excess of cost that counts.
     """
     best = costs.min(axis=1)
     worse = np.flatnonzero(ours > best * (1 + tolerance))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, Self
 
 from moe_policy.experiments.methods import Method
@@ -43,13 +43,7 @@ class PlantRow(Record):
     def of(cls, name: str, metrics: Metrics) -> Self:
         """The row of the method ``name`` with ``metrics``."""
         return cls(
-            name=name,
-            reached=metrics.reached,
-            success=metrics.success,
-            success_at_plan_end=metrics.success_at_plan_end,
-            left_box=metrics.left_box,
-            violation_mean=metrics.violation_mean,
-            knot_violation_mean=metrics.knot_violation_mean,
+            name=name, **{field.name: getattr(metrics, field.name) for field in fields(cls) if field.name != "name"}
         )
 
     @property
@@ -118,9 +112,7 @@ class Plant(Record):
 def plant_key(identity: str, arguments: Mapping[str, Any]) -> str:
     """A short name for everything that the rows of a plant depend on.
 
-    Args:
-        identity: names everything but the plant: problem, methods, parameters, seed and control period.
-        arguments: of the environment. The nominal plants of all perturbations are one plant.
+    ``identity`` names all but the plant; equal ``arguments``, such as those of all nominal plants, are one plant.
     """
     told = json.dumps([identity, arguments], sort_keys=True, default=lambda values: values.tolist())
     return hashlib.sha256(told.encode()).hexdigest()[:16]
@@ -135,16 +127,10 @@ def run_plant(
     seed: int = 0,
     dt: float = 0.02,
 ) -> tuple[PlantRow, ...]:
-    """Run all methods on one plant.
+    """Run all methods from ``parameters`` (B, np) on the plant of ``arguments`` (:meth:`Perturbation.arguments`).
 
-    Args:
-        problem: the nominal problem, for which planners plan.
-        methods: what acts; names must differ.
-        parameters: p of the episodes, (B, np).
-        arguments: of :meth:`~moe_policy.experiments.perturbations.Perturbation.arguments`.
-        seed: of noise and disturbances. They are drawn for each episode separately, so that equal episodes of all
-            methods have the same draws, at another level multiplied by another factor.
-        dt: control period, seconds.
+    Noise and disturbances are drawn with ``seed`` for each episode separately, so that equal episodes of all methods
+    have the same draws, at another level multiplied by another factor.
     """
     rows = []
     for method in methods:

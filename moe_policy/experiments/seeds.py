@@ -157,13 +157,7 @@ class TrainingRow(Record):
 
     @classmethod
     def of(cls, name: str, models: Sequence[Model], published: Published | None = None) -> TrainingRow:
-        """The row of ``models``.
-
-        Args:
-            name: of the row.
-            models: one for each seed, all from equally many samples.
-            published: the paper's values of this kind of model.
-        """
+        """The row of ``models``, one for each seed, all from equally many samples, with the ``published`` values."""
         trainings = [model.training for model in models]
         success = tuple(model.success for model in models)
         at_end = tuple(model.success_at_plan_end for model in models)

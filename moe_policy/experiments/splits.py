@@ -102,12 +102,7 @@ class SplitComparison(Record):
 
 
 def separations(problem: OptimalControlProblem, rows: Mapping[str, SplitRow]) -> tuple[Separation, ...]:
-    """Whether the single network and each mixture differ by more than their intervals.
-
-    Args:
-        problem: the problem.
-        rows: of the planners on one split, by name.
-    """
+    """Whether the single network and each mixture in ``rows`` of one split differ by more than their intervals."""
     found = []
     for measure in measures_of(problem):
         single = rows["snn"].judged[measure.name] if "snn" in rows else None

@@ -45,13 +45,9 @@ class StartTables(Record):
     def with_paths(
         self, problem: OptimalControlProblem, size: int, fresh: int, say: Callable[[str], None] = print
     ) -> StartTables:
-        """Solve the free problem's optimal paths and write them into the package; the new record.
+        """Solve ``size`` of the free problem's optimal paths and write them into the package; the new record.
 
-        Args:
-            problem: the problem with the path constraint.
-            size: number of paths in the table.
-            fresh: number of paths on which its error is measured.
-            say: told what is written.
+        The error of the table is measured on ``fresh`` others.
         """
         free = free_paths.blocked(problem).free
         p, others = sample(free, PATHS, size), sample(free, FRESH, fresh)
@@ -78,14 +74,7 @@ class StartTables(Record):
     def with_starts(
         self, problem: OptimalControlProblem, size: int, workers: int | None, say: Callable[[str], None] = print
     ) -> StartTables:
-        """Draw initial conditions and write them into the package; the new record.
-
-        Args:
-            problem: the problem.
-            size: number of parameters.
-            workers: number of processes; ``None`` for one per core.
-            say: told what is written.
-        """
+        """Draw ``size`` initial conditions and write them into the package; the new record."""
         began = time.perf_counter()
         parameters = sample(problem, STARTS, size, workers=workers)
         seconds = time.perf_counter() - began

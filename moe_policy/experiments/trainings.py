@@ -90,25 +90,14 @@ class Folders:
 
 
 def sizes_of(benchmark: Benchmark, total: int) -> list[tuple[int, TrainingSettings]]:
-    """Numbers of training instances and the settings for them, increasing.
-
-    Args:
-        benchmark: the benchmark.
-        total: number of instances in the training set, the last of them.
-    """
+    """Numbers of training instances and the settings for them, increasing; ``total``, the whole set, is the last."""
     settings, epochs = benchmark.training.settings, benchmark.training.sizes
     smaller = [(size, dataclasses.replace(settings, epochs=n)) for size, n in epochs.items() if size < total]
     return [*smaller, (total, settings)]
 
 
 def planned(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run]:
-    """All runs on the training set, those of the first seed first.
-
-    Args:
-        problem: the problem.
-        seeds: training seeds of every model.
-        total: number of instances in the training set.
-    """
+    """All runs on the ``total`` instances of the training set, those of the first seed first."""
     benchmark = benchmark_of(problem)
     training = benchmark.training
     for seed in range(seeds):
@@ -133,14 +122,7 @@ def planned_on_all(database: ocp_envs.Database, total: int) -> Iterator[Run]:
 
 
 def train(problem: OptimalControlProblem, run: Run, folders: Folders, checkpoints: Path) -> NetworkPlanner:
-    """The network of ``run``.
-
-    Args:
-        problem: the problem.
-        run: what is trained.
-        folders: where the databases are.
-        checkpoints: folder of the unfinished training.
-    """
+    """The network of ``run``; the unfinished training is kept in the folder ``checkpoints``."""
     on_all = run.settings == benchmark_of(problem).training.whole.get(run.name)
     samples = folders.samples(problem, WHOLE if on_all else "training")
     if run.samples < len(samples):
@@ -154,14 +136,7 @@ def train(problem: OptimalControlProblem, run: Run, folders: Folders, checkpoint
 
 
 def execute(env_id: str, run: Run, key: str, folders: Folders) -> Model:
-    """Train unless the model exists, evaluate it on the validation set and keep its record.
-
-    Args:
-        env_id: id of the problem.
-        run: what is trained.
-        key: of its files.
-        folders: where they are.
-    """
+    """Train unless the model exists, evaluate it on the validation set and keep its record under ``key``."""
     torch.set_num_threads(1)
     problem, path = ocp_envs.load(env_id), folders.model(key)
     if Path(f"{path}.json").exists():
@@ -183,14 +158,9 @@ def execute_all(
     workers: int | None = None,
     names: Collection[str] | None = None,
 ) -> dict[Run, Model]:
-    """The models of all runs that are kept, and of the others after training them.
+    """The models of all ``runs`` (with the key of their files) that are kept, and of the others after training them.
 
-    Args:
-        problem: the problem.
-        runs: what is trained, and the key of its files.
-        folders: where they are.
-        workers: number of processes; one per core by default.
-        names: recipes that are trained; all by default.
+    ``names``: recipes that are trained; all by default.
     """
     paths = {run: folders.record(problem, key) for run, key in runs.items()}
     models = {run: read(path, Model) for run, path in paths.items() if path.exists()}
