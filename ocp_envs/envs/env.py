@@ -16,7 +16,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
-from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
+from ocp_envs.envs.options import RENDER_MODES, EnvOptions, problem_of, refuse_unknown
 from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Episodes, Plant
@@ -104,7 +104,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
     ) -> None:
         refuse_unknown(Env, unknown)
         problem = problem_of(problem)
-        self.options = options = Options(
+        self.options = options = EnvOptions(
             problem, dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode
         )
         self.metadata = options.metadata

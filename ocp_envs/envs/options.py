@@ -46,7 +46,7 @@ def refuse_unknown(environment: type, unknown: Mapping[str, object]) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Options:
+class EnvOptions:
     """The options of an environment: ``problem``, ``dt``, ``terminate_at_goal``, ``time_limit``, ``constants``,
     ``disturbance``, ``observation_noise``, ``delay`` and ``render_mode``, as :class:`~ocp_envs.envs.env.Env` documents
     them. Kept are a number for ``time_limit``, a mapping for ``constants`` and (nx,) for both standard deviations.
@@ -150,5 +150,5 @@ class Options:
         return self.problem.distribution.draw(self.problem, generators)
 
 
-def _restore(problem: OptimalControlProblem | str, *values: Any) -> Options:
-    return Options(problem_of(problem), *values)
+def _restore(problem: OptimalControlProblem | str, *values: Any) -> EnvOptions:
+    return EnvOptions(problem_of(problem), *values)

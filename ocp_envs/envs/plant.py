@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ocp_envs.envs.options import Options
+from ocp_envs.envs.options import EnvOptions
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 
@@ -25,7 +25,7 @@ class Plant:
         parameters: p of each episode, (rows, np).
     """
 
-    def __init__(self, options: Options, rows: int) -> None:
+    def __init__(self, options: EnvOptions, rows: int) -> None:
         self.options = options
         self.rows = rows
         self.step = options.simulator.control_step(rows, options.disturbed)
@@ -77,7 +77,7 @@ class Plant:
 class Episodes:
     """What an environment shows of its episodes: arrays of one episode, or of all in their first axis."""
 
-    options: Options
+    options: EnvOptions
     _plant: Plant
     _shown: int | slice = ALL
 

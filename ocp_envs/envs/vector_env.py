@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.generators import Generators
-from ocp_envs.envs.options import RENDER_MODES, Options, problem_of, refuse_unknown
+from ocp_envs.envs.options import RENDER_MODES, EnvOptions, problem_of, refuse_unknown
 from ocp_envs.envs.outcome import Info, Outcome
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import ALL, Episodes, Plant
@@ -61,7 +61,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
     ) -> None:
         refuse_unknown(VectorEnv, unknown)
         problem = problem_of(problem)
-        self.options = options = Options(
+        self.options = options = EnvOptions(
             problem, dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode
         )
         self.num_envs = num_envs

@@ -12,7 +12,7 @@ import pytest
 
 import ocp_envs
 from ocp_envs.envs.env import Env
-from ocp_envs.envs.options import Options
+from ocp_envs.envs.options import EnvOptions
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problems.pendulum import PENDULUM
@@ -22,7 +22,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 def test_the_signature_shows_every_argument_with_the_default_of_the_options(environment):
     parameters = inspect.signature(environment).parameters
     shown = {name: p.default for name, p in parameters.items() if p.kind is p.KEYWORD_ONLY}
-    expected = {f.name: f.default for f in dataclasses.fields(Options) if f.name != "problem"}
+    expected = {f.name: f.default for f in dataclasses.fields(EnvOptions) if f.name != "problem"}
     assert shown == expected
     for name in shown:
         assert re.search(rf"\b{name}\b", environment.__doc__)

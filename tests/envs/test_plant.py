@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocp_envs.envs.options import Options
+from ocp_envs.envs.options import EnvOptions
 from ocp_envs.envs.plant import Plant
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problems.pendulum import PENDULUM
@@ -18,7 +18,7 @@ def ones(rows):
 
 
 def plant(**imperfections):
-    made = Plant(Options(PENDULUM, **imperfections), 3)
+    made = Plant(EnvOptions(PENDULUM, **imperfections), 3)
     made.begin(ROWS, P)
     return made
 

@@ -8,7 +8,7 @@ import pytest
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.rollouts.environments import environments
-from ocp_envs.envs.options import Options
+from ocp_envs.envs.options import EnvOptions
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
@@ -23,7 +23,7 @@ def of(problem, name):
 def test_every_level_is_accepted_by_the_environments(problem):
     for perturbation in benchmark_of(problem).perturbations:
         for level in perturbation.levels:
-            options = Options(problem, **perturbation.arguments(problem, level))
+            options = EnvOptions(problem, **perturbation.arguments(problem, level))
             changed = bool(options.constants) or options.disturbed or options.noisy or options.delay > 0
             assert changed == (level != 0)
 
