@@ -10,13 +10,10 @@ The record also compares one to four Runge-Kutta steps in a control step: their 
 DOP853, from random states under random controls in the whole operating box and in its middle two thirds.
 """
 
-from __future__ import annotations
-
 import gymnasium as gym
 
 import ocp_envs
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.environments import (
     EnvironmentSpeed,
@@ -42,17 +39,17 @@ def main() -> None:
     rates = {}
     for name in ocp_envs.names():
         rates[name] = vector_rate(VectorEnv(name, NUM_ENVS), 50, REPETITIONS)
-        say(f"{name}: {rates[name]:,.0f} steps/s with {NUM_ENVS:,} environments on one core")
+        cli.say(f"{name}: {rates[name]:,.0f} steps/s with {NUM_ENVS:,} environments on one core")
     single = {}
     for how, strip in (("with gym.make's wrappers", False), ("unwrapped", True)):
         pair = [gym.make(name) for name in (PENDULUM.id, "Pendulum-v1")]
         ours, theirs = (single_step(env.unwrapped if strip else env, repetitions=REPETITIONS) for env in pair)
         single[how] = SingleStep(ours=ours, theirs=theirs, ratio=ours / theirs)
-        say(f"one step, {how}: {ours:.2f} µs; Pendulum-v1 {theirs:.2f} µs; ratio {ours / theirs:.2f}")
+        cli.say(f"one step, {how}: {ours:.2f} µs; Pendulum-v1 {theirs:.2f} µs; ratio {ours / theirs:.2f}")
     substeps = {}
     for problem in STUDIED:
         substeps[problem.id] = substeps_of(problem, NUM_ENVS, REPETITIONS)
-        say("\n".join(f"{problem.id}, {row.text()}" for row in substeps[problem.id]))
+        cli.say("\n".join(f"{problem.id}, {row.text()}" for row in substeps[problem.id]))
     record = EnvironmentSpeed(
         num_envs=NUM_ENVS,
         steps_per_second=rates,
@@ -62,7 +59,7 @@ def main() -> None:
     )
     path = arguments.results / "benchmark_env.json"
     write(path, record)
-    say(f"wrote {path}")
+    cli.say(f"wrote {path}")
 
 
 if __name__ == "__main__":

@@ -7,11 +7,8 @@ full size have nearer neighbours than these, so they miss less. Writes ``benchma
     python scripts/benchmark_generation.py --env GroundVehicle-v0
 """
 
-from __future__ import annotations
-
 import ocp_envs
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.generation import TOLERANCE, GenerationSpeed, compare, measure, settings_by_name
 from ocp_envs.support.provenance import provenance
@@ -26,17 +23,17 @@ def main() -> None:
     p = ocp_envs.sample(problem, SEED, arguments.cases)
     for name, settings in settings_by_name().items():
         runs[name] = measure(problem, p, settings)
-        say(f"{name}: {runs[name].rate:.1f} instances per second")
+        cli.say(f"{name}: {runs[name].rate:.1f} instances per second")
     rows = compare(runs)
-    say(f"\n{'':40s} {'solves':>7s} {'ratio':>6s} {'missed':>7s}")
+    cli.say(f"\n{'':40s} {'solves':>7s} {'ratio':>6s} {'missed':>7s}")
     for name, row in rows.items():
-        say(f"{name:40s} {row.solves_per_problem:7.1f} {row.rate_to_default:6.2f} {row.missed:7d}")
+        cli.say(f"{name:40s} {row.solves_per_problem:7.1f} {row.rate_to_default:6.2f} {row.missed:7d}")
     record = GenerationSpeed(
         env_id=problem.id, problems=len(p), seed=SEED, tolerance=TOLERANCE, rows=rows, provenance=provenance()
     )
     path = arguments.results / f"benchmark_generation_{problem.id}.json"
     write(path, record)
-    say(f"wrote {path}")
+    cli.say(f"wrote {path}")
 
 
 if __name__ == "__main__":

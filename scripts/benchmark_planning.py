@@ -11,10 +11,7 @@ Methods take turns, all on one core. Writes ``benchmark_planning_<env>.json``.
     python scripts/benchmark_planning.py --env GroundVehicle-v0
 """
 
-from __future__ import annotations
-
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.latency import BATCHES, PLANNING_COLUMNS, Latency, planner_rows, planning_rows, step_rows
 from moe_policy.experiments.methods import optimal_planner, shipped, stabiliser
 from moe_policy.experiments.records import write
@@ -46,15 +43,15 @@ def main() -> None:
         guesses = {"cold, random": cold(problem, "random"), "cold, line": cold(problem, "line")}
         guesses |= {f"warm, {name}": warm(planner) for name, planner in planners.items()}
         solved = solver_rows(solver, guesses, p, best)
-    say(text_table(solved, SOLVER_COLUMNS))
+    cli.say(text_table(solved, SOLVER_COLUMNS))
     stepped = step_rows(problem, [*methods, *stabiliser(problem)], known.parameters[: arguments.episodes + 1], DT)
     record = Latency(
         env_id=problem.id, cases=len(p), dt=DT, planners=planned, solver=solved, steps=stepped, provenance=provenance()
     )
-    say(text_table(planning_rows(record), PLANNING_COLUMNS))
+    cli.say(text_table(planning_rows(record), PLANNING_COLUMNS))
     path = arguments.results / f"benchmark_planning_{problem.id}.json"
     write(path, record)
-    say(f"wrote {path}")
+    cli.say(f"wrote {path}")
 
 
 if __name__ == "__main__":

@@ -7,15 +7,12 @@ on fewer episodes, and the times per episode are compared. Writes ``benchmark_ro
     python scripts/benchmark_rollout.py
 """
 
-from __future__ import annotations
-
 from statistics import median
 
 import numpy as np
 
 import moe_policy
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.rollouts import DT, Batched, RolloutSpeed, batched, one_by_one
 from ocp_envs.support.provenance import provenance
@@ -59,8 +56,10 @@ def main() -> None:
     path = arguments.results / f"benchmark_rollout_{problem.id}.json"
     write(path, record)
     parts = f"planning {together.planning:.3f} s and gains {together.tracking_setup:.2f} s of it"
-    say(f"{count} tracked plans, batched: {together.whole:.2f} s ({parts})")
-    say(f"one environment at a time: {1e3 * alone:.1f} ms an episode, {record.ratio:.0f} times as long; wrote {path}")
+    cli.say(f"{count} tracked plans, batched: {together.whole:.2f} s ({parts})")
+    cli.say(
+        f"one environment at a time: {1e3 * alone:.1f} ms an episode, {record.ratio:.0f} times as long; wrote {path}"
+    )
 
 
 if __name__ == "__main__":

@@ -12,13 +12,10 @@ against the highest of ``Opti`` without a warm start. Writes ``benchmark_solver_
     python scripts/benchmark_solver.py
 """
 
-from __future__ import annotations
-
 import time
 from functools import partial
 
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.opti import PlainOpti
 from moe_policy.experiments.speed.solver import (
@@ -56,7 +53,7 @@ def main() -> None:
         guesses = all_guesses(problem, ours.solve, parameters, arguments.stored, seed)
         for kind in arguments.kinds:
             compared[kind] = compare(solvers, arguments.rounds, parameters, guesses[kind], windings)
-            say(compared[kind].text(kind))
+            cli.say(compared[kind].text(kind))
     record = SolverSpeed(
         env_id=problem.id,
         seed=seed,
@@ -73,8 +70,8 @@ def main() -> None:
     path = arguments.results / f"benchmark_solver_{problem.id}.json"
     write(path, record)
     if record.plain:
-        say(f"our highest rate to the highest of Opti without a warm start: {record.plain:.1f}")
-    say(f"wrote {path}")
+        cli.say(f"our highest rate to the highest of Opti without a warm start: {record.plain:.1f}")
+    cli.say(f"wrote {path}")
 
 
 if __name__ == "__main__":

@@ -9,8 +9,6 @@ cheaper. An interrupted search resumes. Writes ``data_quality_<env>.json``.
     python scripts/check_data.py --env GroundVehicle-v0 --cases-from training --guesses 40
 """
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 import time
@@ -23,7 +21,6 @@ from tqdm import tqdm
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.quality import SEED, CheckedDatabase, Quality, Search, compare, exhaustive, widened
 from moe_policy.experiments.records import write
 from moe_policy.planners.solver import SolverPlanner
@@ -103,10 +100,10 @@ def main() -> None:
         began = time.perf_counter()
         ours = ways[name]()
         compared[name] = compare(ours, costs, cases, targets, tolerance, time.perf_counter() - began)
-        say(f"{name}: {compared[name].worse} of {len(cases)} instances more than {tolerance:.1%} above the search")
+        cli.say(f"{name}: {compared[name].worse} of {len(cases)} instances more than {tolerance:.1%} above the search")
     checks = {name: CheckedDatabase.of(database) for name, database in databases.items()}
     for name in checks:
-        say(f"{name}: {checks[name].failing} of {checks[name].trajectories} stored trajectories fail the check")
+        cli.say(f"{name}: {checks[name].failing} of {checks[name].trajectories} stored trajectories fail the check")
     record = Quality(
         env_id=problem.id,
         cases=len(cases),
@@ -124,7 +121,7 @@ def main() -> None:
     )
     path = arguments.results / f"data_quality_{problem.id}.json"
     write(path, record)
-    say(f"wrote {path}")
+    cli.say(f"wrote {path}")
 
 
 if __name__ == "__main__":

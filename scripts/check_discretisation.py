@@ -4,8 +4,6 @@ Plans of the shipped solver planner from validation instances are compared with 
 Hermite-Simpson collocation. Writes ``discretisation_<env>.json``.
 """
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -10,8 +10,6 @@ Writes ``interruptions_<env>.json``.
     python scripts/check_interruptions.py --env GroundVehicle-v0 --split validation
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile
@@ -22,7 +20,6 @@ import numpy as np
 
 import ocp_envs
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.interruptions import Interruptions, generate_interrupted, plan_kills
 from moe_policy.experiments.records import write
@@ -80,7 +77,7 @@ def check(arguments: argparse.Namespace, split: InstanceSet, folder: Path) -> In
     kinds = ["parent"] * -(-arguments.kills // 2) + ["worker"] * (arguments.kills // 2)
     command = [sys.executable, __file__, *sys.argv[1:], "--generate-into", str(path)]
     kills = plan_kills(kinds, whole.chunks, arguments.delay, arguments.seed)
-    interrupted = generate_interrupted(command, path, kills, say)
+    interrupted = generate_interrupted(command, path, kills, cli.say)
     database = complete(problem, split, path)
     digests = {"reference": whole.digest(), "interrupted": database.digest()}
     return Interruptions(
@@ -108,8 +105,8 @@ def main() -> None:
         record = check(arguments, split, arguments.folder or Path(temporary))
     path, again = arguments.results / f"interruptions_{problem.id}.json", record.interrupted.chunks_written_again
     write(path, record)
-    say(f"{len(record.interrupted.kills)} kills, {again} chunks written again; equal arrays: {record.equal}")
-    say(f"wrote {path}")
+    cli.say(f"{len(record.interrupted.kills)} kills, {again} chunks written again; equal arrays: {record.equal}")
+    cli.say(f"wrote {path}")
     if not record.equal or again:
         raise SystemExit("the interrupted database differs from the undisturbed one")
 

@@ -9,8 +9,6 @@ and with the same settings. Databases go to ``data/QuadcopterSwapped-v0/``, wher
     python scripts/check_sensitivity.py
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path

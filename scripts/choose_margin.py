@@ -8,8 +8,6 @@ chosen from them.
     python scripts/choose_margin.py
 """
 
-from __future__ import annotations
-
 from tqdm import tqdm
 
 import moe_policy

@@ -8,8 +8,6 @@ optimal plans tracked with the same weights. The weights that are chosen from th
     python scripts/choose_tracking.py --env Quadcopter-v0
 """
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

@@ -7,8 +7,6 @@ and where the benchmark has short settings for it, a reinforcement learner. Prin
 metrics to ``compare_<env>.json`` and ``.png`` (with ``--train`` to ``compare_trained_<env>.json`` and ``.png``).
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import replace
 from pathlib import Path

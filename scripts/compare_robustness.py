@@ -11,8 +11,6 @@ problem, models, parameters, seed, plant and package versions alone; delete it a
     python scripts/compare_robustness.py --cases 50
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import time

@@ -9,8 +9,6 @@ distance from the discontinuity, and the picture ``splits_<env>.png``. The pendu
     python scripts/compare_splits.py --cases 100
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

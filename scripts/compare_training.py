@@ -8,8 +8,6 @@ figures of the problem.
     python scripts/compare_training.py --env GroundVehicle-v0 --seeds 3
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import time

@@ -8,8 +8,6 @@ where plans are evaluated at their end, before any regulation).
     python scripts/explain_failures.py --env GroundVehicle-v0 --planner ./models/mine.safetensors
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import time
@@ -17,7 +15,6 @@ from pathlib import Path
 
 import ocp_envs
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.diagnosis import explain
 from moe_policy.experiments.failures import COLUMNS, Diagnosis, EvaluatedAt, counts
 from moe_policy.experiments.records import write
@@ -81,17 +78,17 @@ def main() -> None:
     suffix = "" if arguments.at is EvaluatedAt.EVALUATION_TIME else f"_{arguments.at}"
     output = arguments.results / f"failures_{problem.id}_{path.name}{suffix}.json"
     write(output, record)
-    say(f"{record.seconds:.0f} s; wrote {output}")
+    cli.say(f"{record.seconds:.0f} s; wrote {output}")
 
 
 def report(record: Diagnosis, name: str) -> None:
     """Print the failures of the planner ``name``, their number by cause, and the fraction of successes."""
     if record.failures:
-        say(text_table(record.failures, COLUMNS))
+        cli.say(text_table(record.failures, COLUMNS))
     rows = [*record.causes.items(), ("all", len(record.failures))]
-    say(text_table(rows, (Column("cause", lambda row: row[0]), Column("failures", lambda row: row[1]))))
+    cli.say(text_table(rows, (Column("cause", lambda row: row[0]), Column("failures", lambda row: row[1]))))
     success = record.success
-    say(f"{name}: {proportion(success)} of {success.total} cases succeed at the {WHEN[record.judged_at]}")
+    cli.say(f"{name}: {proportion(success)} of {success.total} cases succeed at the {WHEN[record.judged_at]}")
 
 
 if __name__ == "__main__":

@@ -8,8 +8,6 @@ also the parameters and reference costs in the package.
     python scripts/generate_data.py --env GroundVehicle-v0 --scheduler tcp://head-node:8786
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import os
@@ -21,7 +19,6 @@ from typing import Any
 
 import ocp_envs
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.generation import Generation, Memory, SplitGeneration, Totals
 from moe_policy.experiments.records import read, write
 from ocp_envs.data.database import Database
@@ -51,7 +48,7 @@ def connect(address: str) -> Any:
     if fault:
         client.close()
         raise SystemExit(fault)
-    say(f"{len(client.ncores())} workers with {sum(client.ncores().values())} threads at {address}")
+    cli.say(f"{len(client.ncores())} workers with {sum(client.ncores().values())} threads at {address}")
     return client
 
 
@@ -90,12 +87,12 @@ def generate(name: str, arguments: argparse.Namespace, client: Any) -> None:
         settings=split.settings,
     )
     seconds, totals = time.perf_counter() - began, Totals.of(database)
-    say(
+    cli.say(
         f"{name}: {totals.solved} of {totals.problems} instances solved in {seconds:.1f} s; "
         f"{totals.solves} solves, {totals.failures} failed, {totals.fallbacks} went to the second solver"
     )
     if arguments.ship and name in reference.SHIPPED:
-        say(f"wrote {reference.save(database, name)}")
+        cli.say(f"wrote {reference.save(database, name)}")
     workers = sum(client.ncores().values()) if client else arguments.workers or os.cpu_count() or 1
     made = SplitGeneration(
         totals=totals,
@@ -125,7 +122,7 @@ def main() -> None:
         began = time.perf_counter()
         with GuardedSolver(arguments.problem) as solver:
             solver.start()
-        say(f"solver functions ready after {time.perf_counter() - began:.1f} s")
+        cli.say(f"solver functions ready after {time.perf_counter() - began:.1f} s")
         try:
             for name in arguments.splits or sets_of(arguments.problem).splits:
                 generate(name, arguments, client)

@@ -9,8 +9,6 @@ record of their making is ``splits_<env>.json``.
     python scripts/make_splits.py --splits boundary --cases 20
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import replace

@@ -8,12 +8,9 @@ interruption; ``--again --ship`` replaces it. Writes ``starts_<env>.json``.
     python scripts/make_starts.py --env QuadcopterObstacle-v0
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.records import read, write
 from moe_policy.experiments.start_tables import STARTS, StartTables
 from ocp_envs import tables
@@ -43,17 +40,17 @@ def main() -> None:
     earlier = read(path, StartTables) if path.exists() else StartTables(provenance=provenance())
     record = earlier
     if arguments.again or free_paths.shipped(problem) is None:
-        record = record.with_paths(problem, arguments.paths, arguments.fresh, say)
+        record = record.with_paths(problem, arguments.paths, arguments.fresh, cli.say)
         free_paths.shipped.cache_clear()
     try:
         if arguments.again:
             raise tables.TableError
         tables.starts(problem)
     except tables.TableError:
-        record = record.with_starts(problem, arguments.starts, arguments.workers or 1, say)
+        record = record.with_starts(problem, arguments.starts, arguments.workers or 1, cli.say)
     if record is not earlier:
         write(path, replace(record, provenance=provenance()))
-        say(f"wrote {path}")
+        cli.say(f"wrote {path}")
 
 
 if __name__ == "__main__":

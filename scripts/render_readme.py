@@ -4,8 +4,6 @@ A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made
 part of it: ``<!-- table: NAME PART -->``.
 """
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

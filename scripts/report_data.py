@@ -7,10 +7,7 @@ Writes ``data_<env>.json`` and ``.png``.
     python scripts/report_data.py --env GroundVehicle-v0 --splits training validation
 """
 
-from __future__ import annotations
-
 from moe_policy.experiments import cli
-from moe_policy.experiments.cli import say
 from moe_policy.experiments.data import accuracy_of, contents
 from moe_policy.experiments.data_report import DataReport, Integration, text
 from moe_policy.experiments.figures.data import data_figure
@@ -43,12 +40,12 @@ def main() -> None:
         accuracy = accuracy_of(database, arguments.accuracy_cases, SEED)
         held = contents(database, accuracy)
         reports[name], splits[name] = (held, accuracy), held.report
-    say(text(f"{problem.id}: {problem.title}", splits))
+    cli.say(text(f"{problem.id}: {problem.title}", splits))
     integration = Integration(method="DOP853", rtol=RTOL, atol=ATOL, seed=SEED)
     path = arguments.results / f"data_{problem.id}.json"
     write(path, DataReport(env_id=problem.id, splits=splits, integration=integration, provenance=provenance()))
-    say(f"wrote {path}")
-    say(f"wrote {data_figure(path.with_suffix('.png'), reports)}")
+    cli.say(f"wrote {path}")
+    cli.say(f"wrote {data_figure(path.with_suffix('.png'), reports)}")
 
 
 if __name__ == "__main__":

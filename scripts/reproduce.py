@@ -11,8 +11,6 @@ and go to ``table_<name>.json`` and ``.md``, figures to ``figure_<name>.png``, `
 in the folder ``quick`` of the results. ``--list`` prints all names.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

@@ -6,8 +6,6 @@ The planners go to ``runs/models/<env-id>/``, with ``--ship`` into the package. 
     python scripts/train_planners.py --names snn moe-custom --seed 1
 """
 
-from __future__ import annotations
-
 import time
 
 import ocp_envs

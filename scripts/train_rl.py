@@ -13,8 +13,6 @@ a trial of the search for settings, complete or not: it is added to ``search_<al
 run repeats that list.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import dataclasses

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from moe_policy.experiments.budgets import Budgets
-from moe_policy.experiments.figures.style import looks, save_figure
+from moe_policy.experiments.figures.style import Axes, Figure, looks, save_figure
 from moe_policy.experiments.learner_budgets import (
     ChosenActor,
     Curve,
@@ -22,10 +21,6 @@ from moe_policy.experiments.learner_budgets import (
 )
 from moe_policy.experiments.planner_budgets import PlannerBudget, PlannerRow
 from moe_policy.rollouts.intervals import Spread
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _MARKERS = "sDv^Po"
 
@@ -113,7 +108,7 @@ BUDGETS = (
 # -- the figure --------------------------------------------------------------------------------------------------------
 
 
-def budgets_figure(path: str | os.PathLike[str], record: Budgets) -> Path:
+def budgets_figure(path: str | Path, record: Budgets) -> Path:
     """One row for each of :data:`METRICS`, one column for each of :data:`BUDGETS`.
 
     Learners are lines: thin lines for the seeds, a thick one for their median, a band from the minimum to the maximum,

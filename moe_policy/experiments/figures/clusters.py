@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from moe_policy.experiments.figures.style import (
     COLORS,
     INK,
+    Axes,
+    Figure,
     check_labels,
     cluster_color,
     coordinate_text,
@@ -23,10 +23,6 @@ from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 
 def _phase_labels(axes: Axes, problem: OptimalControlProblem) -> None:
     for coordinate, setter in zip(problem.system.state.coordinates[:2], (axes.set_xlabel, axes.set_ylabel)):
@@ -35,7 +31,7 @@ def _phase_labels(axes: Axes, problem: OptimalControlProblem) -> None:
 
 
 def discontinuity_figure(
-    path: str | os.PathLike[str],
+    path: str | Path,
     samples: Samples,
     labels: Labels,
     optimal: Trajectory,
@@ -71,7 +67,7 @@ def discontinuity_figure(
     return save_figure(path, (9.0, 6.5), draw)
 
 
-def clusters_figure(path: str | os.PathLike[str], samples: Samples, partitions: Mapping[str, Labels]) -> Path:
+def clusters_figure(path: str | Path, samples: Samples, partitions: Mapping[str, Labels]) -> Path:
     """Clusters over the box of the first two parameters, one panel per partition."""
     p, box = samples.parameters, samples.problem.parameters
 
@@ -87,9 +83,7 @@ def clusters_figure(path: str | os.PathLike[str], samples: Samples, partitions: 
     return save_figure(path, (3.2 * len(partitions), 3.0), draw)
 
 
-def histories_figure(
-    path: str | os.PathLike[str], samples: Samples, labels: Labels, shown: int = 40, seed: int = 0
-) -> Path:
+def histories_figure(path: str | Path, samples: Samples, labels: Labels, shown: int = 40, seed: int = 0) -> Path:
     """Histories of at most ``shown`` samples a cluster: a row for each coordinate, a column for each cluster."""
     check_labels(samples, labels, shown)
     problem, generator = samples.problem, np.random.default_rng(seed)

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from moe_policy.experiments.comparison import MarginRow
-from moe_policy.experiments.figures.style import COLORS, looks, save_figure
+from moe_policy.experiments.figures.style import COLORS, Axes, Figure, looks, save_figure
 from moe_policy.experiments.records import Absent, present
 from moe_policy.experiments.seeds import TrainingRow
 from moe_policy.rollouts.metrics import Metrics
 from ocp_envs.support.arrays import Array
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Values = Callable[[TrainingRow], tuple[float | None, ...] | Absent]
 _AT_KNOTS: Mapping[str, Values] = {
@@ -67,7 +62,7 @@ def draw_errors(axes: Axes, errors: Mapping[str, Array], radius: float) -> None:
 
 
 def comparison_figure(
-    path: str | os.PathLike[str], metrics: Mapping[str, Metrics], errors: Mapping[str, Array], radius: float
+    path: str | Path, metrics: Mapping[str, Metrics], errors: Mapping[str, Array], radius: float
 ) -> Path:
     """Successes of all methods next to the distributions of their errors ‖x − goal‖ at the plan's end, each (B,)."""
 
@@ -79,7 +74,7 @@ def comparison_figure(
     return save_figure(path, (10.0, 1.6 + 0.35 * len(metrics)), draw)
 
 
-def sizes_figure(path: str | os.PathLike[str], rows: Sequence[TrainingRow], cases: int) -> Path:
+def sizes_figure(path: str | Path, rows: Sequence[TrainingRow], cases: int) -> Path:
     """Failures of ``cases`` instances against the number of training instances: the median over seeds, and the range.
 
     With path constraints, mean violations in metres instead. On logarithmic scales, where no failure is drawn as half a
@@ -120,7 +115,7 @@ def _panel(axes: Axes, rows: Sequence[TrainingRow], wrong: Callable[[TrainingRow
         axes.plot(counts, median, "o-", color=color, label=name, markersize=4)
 
 
-def margins_figure(path: str | os.PathLike[str], rows: Sequence[MarginRow]) -> Path:
+def margins_figure(path: str | Path, rows: Sequence[MarginRow]) -> Path:
     """Mean violation at the knots against the cost, along margins: a curve for each planner, a star for the optimum."""
     curves: dict[str, list[MarginRow]] = {}
     for row in rows:

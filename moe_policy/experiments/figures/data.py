@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from moe_policy.experiments.data import Contents
 from moe_policy.experiments.data_report import CLOSE
-from moe_policy.experiments.figures.style import COLORS, save_figure
+from moe_policy.experiments.figures.style import COLORS, Axes, Figure, save_figure
 from ocp_envs.solvers.accuracy import Accuracy
 from ocp_envs.support.arrays import Array
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _BINS_PER_DECADE = 5
 #: By split, what its database holds and the accuracy of its plans.
 Reports = Mapping[str, tuple[Contents, Accuracy | None]]
 
 
-def data_figure(path: str | os.PathLike[str], reports: Reports) -> Path:
+def data_figure(path: str | Path, reports: Reports) -> Path:
     """Fractions of the solution families, families found, cost differences and accuracy, one colour for each split."""
 
     def draw(figure: Figure) -> None:

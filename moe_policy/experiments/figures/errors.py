@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from moe_policy.experiments.figures.style import (
-    COLORS,
-    INK,
-    save_figure,
-)
+from moe_policy.experiments.figures.style import COLORS, INK, Figure, save_figure
 from ocp_envs.support.arrays import Array
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _MARGIN = 1.05
 _SMALLEST_ERROR = 1e-6
 
 
-def error_figure(path: str | os.PathLike[str], errors: Mapping[str, tuple[Array, Array]], radius: float) -> Path:
+def error_figure(path: str | Path, errors: Mapping[str, tuple[Array, Array]], radius: float) -> Path:
     """Error of the predicted final state against that after tracking and regulation, each (B,), a panel per model."""
 
     def draw(figure: Figure) -> None:
@@ -46,7 +37,7 @@ def error_figure(path: str | os.PathLike[str], errors: Mapping[str, tuple[Array,
 
 
 def error_histograms_figure(
-    path: str | os.PathLike[str], errors: Mapping[str, tuple[Array, Array]], radius: float, bins: int = 50
+    path: str | Path, errors: Mapping[str, tuple[Array, Array]], radius: float, bins: int = 50
 ) -> Path:
     """Histograms of (predicted, tracked) final errors, one panel per model, over the same logarithmic bins.
 
@@ -87,7 +78,7 @@ def _edges(errors: Mapping[str, tuple[Array, Array]], radius: float, bins: int) 
     return np.geomspace(min(values.min(), radius) / _MARGIN, max(values.max(), radius) * _MARGIN, bins + 1)
 
 
-def violations_figure(path: str | os.PathLike[str], violations: Mapping[str, ArrayLike], title: str) -> Path:
+def violations_figure(path: str | Path, violations: Mapping[str, ArrayLike], title: str) -> Path:
     """The fraction of cases whose violation at the knots, (B,) in metres, exceeds a bound; a line for each model."""
     if not 1 <= len(violations) <= len(COLORS):
         raise ValueError(f"expected 1 to {len(COLORS)} models, got {list(violations)}")

@@ -6,15 +6,16 @@ They are those of Tang & Hauser (2019), section V-B (the ground vehicle), for an
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from moe_policy.experiments.figures.style import (
     INK,
+    Axes,
+    Figure,
     check_labels,
     cluster_color,
     coordinate_text,
@@ -28,10 +29,6 @@ from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 #: Dark, to contrast with the thin lines in the colours of the clusters.
 _PLAN_COLORS = ("#c1121f", "#3d1a8a", "#5c4400", "#0b5d3b")
@@ -53,9 +50,7 @@ def finish_plane(axes: Axes, problem: OptimalControlProblem) -> None:
     axes.set(xlabel="x, m", ylabel="y, m")
 
 
-def samples_figure(
-    path: str | os.PathLike[str], samples: Samples, labels: Labels, shown: int = 150, seed: int = 0
-) -> Path:
+def samples_figure(path: str | Path, samples: Samples, labels: Labels, shown: int = 150, seed: int = 0) -> Path:
     """Paths in the plane of at most ``shown`` samples, coloured by cluster; dots are initial positions."""
     check_labels(samples, labels, shown)
     problem = samples.problem
@@ -115,7 +110,7 @@ def choose_interpolated(validation: Samples, snn: Planner, moe: Planner, trainin
 
 
 def interpolation_figure(
-    path: str | os.PathLike[str],
+    path: str | Path,
     optimal: Trajectory,
     neighbours: Samples,
     predictions: Mapping[str, Trajectory],

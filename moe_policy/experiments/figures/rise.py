@@ -2,27 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.experiments.benchmark.parts import Rise
 from moe_policy.experiments.figures.space import INK, closeup, draw_goal, draw_path, grid, panel, spheres_of
-from moe_policy.experiments.figures.style import save_figure
+from moe_policy.experiments.figures.style import Axes, Figure, save_figure
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.check import path_violation
 from ocp_envs.solvers.solver import GuardedSolver, solve
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _COLORS_OF_PROGRESS = "plasma", 0.02, 0.82  # the rest of the map is too light
 
@@ -107,7 +101,7 @@ def _draw_scale(axes: Axes, texts: Sequence[str], change: int) -> Array:
 
 
 def rise_figure(
-    path: str | os.PathLike[str],
+    path: str | Path,
     problem: OptimalControlProblem,
     parameters: ArrayLike,
     optimal: Trajectory,

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from moe_policy.experiments.figures.style import looks, save_figure
+from moe_policy.experiments.figures.style import Axes, Figure, looks, save_figure
 from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.experiments.robustness import LevelRow, Robustness
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 COLUMNS = 3
 #: Levels from 0 whose maximum is more than so many times the minimum above 0 are drawn on a logarithmic axis.
 _WIDE = 15
 
 
-def robustness_figure(path: str | os.PathLike[str], record: Robustness) -> Path:
+def robustness_figure(path: str | Path, record: Robustness) -> Path:
     """A panel for each perturbation: success against the level, a curve with its 95 % band for each method.
 
     Dashed: success at the plan's end, before terminal regulation. Where there are path constraints, as many panels

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from moe_policy.experiments.figures.style import COLORS, save_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from moe_policy.experiments.figures.style import COLORS, Figure, save_figure
 
 
-def mixture_figure(path: str | os.PathLike[str], experts: int = 3) -> Path:
+def mixture_figure(path: str | Path, experts: int = 3) -> Path:
     """A sketch of a mixture: the gate sees p and chooses the expert that plans; the paper's figure 2."""
 
     def draw(figure: Figure) -> None:

@@ -9,17 +9,16 @@ out.
 from __future__ import annotations
 
 import dataclasses
-import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from moe_policy.experiments.figures.style import INK, check_labels, cluster_color, save_figure
+from moe_policy.experiments.figures.style import INK, Figure, check_labels, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
 from moe_policy.planners.nearest import NearestPlanner
 from ocp_envs.data.samples import Samples
@@ -28,9 +27,6 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.render.space import Space
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 Size = tuple[float, float]
 Bounds = tuple[float, float, float, float]
@@ -119,9 +115,7 @@ def grid(count: int, widest: int, width: float, height: float, right: float = 0.
     ]
 
 
-def samples_figure(
-    path: str | os.PathLike[str], samples: Samples, labels: Labels, shown: int = 25, seed: int = 0
-) -> Path:
+def samples_figure(path: str | Path, samples: Samples, labels: Labels, shown: int = 25, seed: int = 0) -> Path:
     """Paths in space of at most ``shown`` samples a cluster, a panel for each cluster; dots are initial positions.
 
     Spheres are not drawn, as each sample has its own.
@@ -143,9 +137,7 @@ def samples_figure(
     return save_figure(path, size, draw)
 
 
-def around_figure(
-    path: str | os.PathLike[str], samples: Samples, labels: Labels, parameters: ArrayLike, count: int = 40
-) -> Path:
+def around_figure(path: str | Path, samples: Samples, labels: Labels, parameters: ArrayLike, count: int = 40) -> Path:
     """Optimal paths, by cluster, of ``count`` samples nearest to ``parameters`` (np,), around the sphere of that p."""
     problem = samples.problem
     picture_of(problem)

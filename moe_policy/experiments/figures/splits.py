@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from moe_policy.experiments.distances import DistanceCurves, measures_of
-from moe_policy.experiments.figures.style import looks, save_figure
+from moe_policy.experiments.figures.style import Axes, Figure, looks, save_figure
 from moe_policy.experiments.splits import SPLITS, SplitComparison, SplitMethod
 from moe_policy.rollouts.intervals import Estimate, Mean, Proportion
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import discontinuity_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Look = Mapping[str, Any]
 
 _MARKERS = dict(zip(SPLITS, "oDs"))
 
 
-def splits_figure(path: str | os.PathLike[str], problem: OptimalControlProblem, record: SplitComparison) -> Path:
+def splits_figure(path: str | Path, problem: OptimalControlProblem, record: SplitComparison) -> Path:
     """One row of panels for each measure of ``problem``.
 
     Left: the measure against the distance from the discontinuity, a curve for each method with its 95 % band; without a

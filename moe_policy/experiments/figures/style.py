@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Iterable
 from io import BytesIO
@@ -17,8 +16,10 @@ from ocp_envs.support.files import replacing
 from ocp_envs.system import Coordinate
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:  # matplotlib is optional, and slow to import
+    Axes = Figure = object
 
 #: matplotlib's settings of all figures.
 STYLE: dict[str, Any] = {
@@ -72,7 +73,7 @@ def _in_a_palette(png: BytesIO) -> bytes:
     return small.getvalue()
 
 
-def save_figure(path: str | os.PathLike[str], size: tuple[float, float], draw: Callable[[Figure], None]) -> Path:
+def save_figure(path: str | Path, size: tuple[float, float], draw: Callable[[Figure], None]) -> Path:
     """Fill an empty figure of ``size`` (inches) in the common style with ``draw``, save it, and return the file.
 
     A path without ``.png`` or ``.pdf`` gives both, and returns the first. Each file is replaced in one step. Raises an
