@@ -9,7 +9,6 @@ from __future__ import annotations
 import ast
 import importlib
 from pathlib import Path
-from typing import Any
 
 
 def _modules() -> dict[str, str]:
@@ -24,7 +23,7 @@ _MODULE_OF = _modules()
 __all__ = sorted(_MODULE_OF)
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(importlib.import_module(_MODULE_OF[name]), name)

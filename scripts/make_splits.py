@@ -34,7 +34,7 @@ def made(
     resumed, began = (folder / f"{name}.zarr").exists(), time.perf_counter()
     found, told = make(problem, name, hard, folder, workers)
     run = {"seconds": time.perf_counter() - began, "resumed": resumed, "workers": workers}
-    return found, HardSetReport.from_json(told | run | {"provenance": provenance().to_json()})
+    return found, HardSetReport.from_json({**told, **run, "provenance": provenance().to_json()})
 
 
 def sets(problem: OptimalControlProblem, names: list[str] | None, cases: int | None) -> Mapping[str, HardSet]:

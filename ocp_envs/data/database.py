@@ -114,7 +114,7 @@ class Database:
         return self._read("parameters")
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> dict[str, object]:
         """The settings it was made with, as JSON."""
         return json.loads(json.dumps(self._group.attrs["settings"]))
 
@@ -235,7 +235,7 @@ class Database:
         index, problem = self.solved(wanted), self.problem
         mode_costs, rows = self.costs()[index], self._row_of_index[index]
         mode = np.asarray(mode_costs.argmin(axis=1), dtype=np.int64)
-        z = scratch.empty((len(index), problem.flat_size))
+        z = scratch.empty((len(index), problem.flat_size), np.float64)
         multipliers = np.empty((len(index), problem.knots, problem.n_clearances))
         for span in self._spans(len(self)):
             here = np.flatnonzero((rows >= span.start) & (rows < span.stop))

@@ -19,7 +19,6 @@ import shutil
 from collections.abc import Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -61,7 +60,7 @@ def _workers(executor: Executor | None, count: int | None) -> Iterator[Workers]:
 class _Run:
     """Runs tasks with few in flight, writes each chunk as it arrives, and survives workers that die."""
 
-    def __init__(self, database: Database, workers: Workers, bar: tqdm[Any]) -> None:
+    def __init__(self, database: Database, workers: Workers, bar: tqdm[None]) -> None:
         self._database, self._workers, self._bar = database, workers, bar
         self._failed = 0
         self._losses = 0  # since the last chunk arrived

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import get_args
 
 from ocp_envs.solvers.guesses import GuessKind
 from ocp_envs.solvers.nlp import SolverSettings
@@ -62,7 +62,7 @@ class GenerationSettings:
         """Settings for evaluation sets, whose costs are references: more guesses, also next to the warm starts."""
         return cls(starts=12, cold=1)
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """The settings as JSON, the way databases store them."""
         values = dataclasses.asdict(self)
         return {name: value for name, value in values.items() if name not in _ADDED or value != _ADDED[name]}

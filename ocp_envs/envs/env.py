@@ -170,7 +170,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         cost, reached, left_box = step.cost.item(), step.reached.item() > 0, step.left_box.item() > 0
         info: Info = {"is_success": reached}
         if left_box:
-            cost = options.charge(self._steps)
+            cost = float(options.charge(self._steps))
             info["failure"] = "left_box"
         info["cost"] = cost
         if options.problem.n_clearances:

@@ -13,7 +13,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
@@ -92,7 +92,7 @@ class EnvOptions:
             )
         return frozen_array(np.broadcast_to(values, (len(box),)))
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         values = {f.name: getattr(self, f.name) for f in fields(self)} | {"constants": dict(self.constants or {})}
         # A problem of the catalogue is pickled by its name: problems hold functions, which cannot be pickled.
         with contextlib.suppress(UnknownProblemError):
@@ -141,7 +141,7 @@ class EnvOptions:
         box = self.problem.system.control
         return gym.spaces.Box(box.lower.astype(np.float32), box.upper.astype(np.float32), dtype=np.float32)
 
-    def charge(self, steps: int | Ints) -> Any:
+    def charge(self, steps: int | Ints) -> float | NDArray[np.floating]:
         """Cost charged for leaving the box after ``steps`` control steps: the largest that the time left allows."""
         return largest_cost_rate(self.problem) * self.dt * (self.max_steps - steps)
 

@@ -31,7 +31,7 @@ class Outcome:
         """``info`` of the ``rows`` (n,) in Gymnasium's vector convention: arrays, and masks under ``_key``."""
         if not rows.any():
             return {}
-        values: dict[str, NDArray[Any]] = {"is_success": self.reached, "cost": self.cost}
+        values: dict[str, Array | Bools] = {"is_success": self.reached, "cost": self.cost}
         if self.violation is not None:
             values["violation"] = self.violation
         info: Info = {}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from ocp_envs.render.style import GOAL, INK, Axes, matplotlib
 from ocp_envs.trajectory import Trajectory
 
 
-def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes: Axes = None) -> NDArray[Any]:
+def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes: Axes = None) -> NDArray[np.object_]:
     """Plot the states and controls of trajectories against time, one panel per coordinate.
 
     Targets of the state are dotted lines, bounds of the control dashed ones. Returned are the axes, (nx + nu,), states
@@ -51,13 +50,13 @@ def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes
     return panels
 
 
-def _panels(count: int) -> NDArray[Any]:
+def _panels(count: int) -> NDArray[np.object_]:
     """``count`` axes in a new figure: one column of up to four, else four columns."""
     columns = 1 if count <= 4 else 4
     rows = math.ceil(count / columns)
     size = (3.2 * columns + 2.4 * (columns == 1), 1.8 * rows)
     figure = matplotlib("pyplot").figure(figsize=size, layout="constrained")
-    axes: NDArray[Any] = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
+    axes: NDArray[np.object_] = figure.subplots(rows, columns, sharex=True, squeeze=False).ravel()
     for unused in axes[count:]:
         unused.set_visible(False)
     return axes[:count]

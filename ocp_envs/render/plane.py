@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from ocp_envs.picture import Face, Line, Picture, Shape
 from ocp_envs.render.style import Artist, Figure, matplotlib
@@ -26,7 +25,7 @@ class Plane:
         self.axes.set_axis_off()
         self._artists: list[tuple[type[Shape], Artist]] = []
 
-    def curve(self, rank: str, **style: Any) -> PlaneCurve:
+    def curve(self, rank: str, **style: object) -> PlaneCurve:
         """A new curve without points, with a ``style`` as in ``Axes.plot``.
 
         ``rank``, a key of :data:`RANKS`, says what the curve shows and thus what covers what.

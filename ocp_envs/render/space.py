@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,7 @@ class SpaceCurve:
         self._points = np.empty((0, 3))
         self._pieces: list[Artist] = []
 
-    def set(self, points: Array, **style: Any) -> None:
+    def set(self, points: Array, **style: object) -> None:
         """Make the curve pass through ``points`` (n, 3), metres, and change its ``style``."""
         self._points = points
         for piece in self._pieces:
@@ -90,7 +89,7 @@ class Space:
         style = {"linewidths": 0, "edgecolors": "none", "facecolors": color, "alpha": alpha, "zorder": zorder}
         return self.axes.add_collection3d(self._polygons([np.zeros((3, 3))], **style))
 
-    def curve(self, rank: str, **style: Any) -> SpaceCurve:
+    def curve(self, rank: str, **style: object) -> SpaceCurve:
         """A new curve without points, with a ``style`` as in ``Axes.plot``.
 
         ``rank``, a key of :data:`RANKS`, says what the curve shows and thus what covers what within a layer.

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import importlib
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeAlias
 
 #: Objects of Matplotlib, which is not imported for their types, and keyword arguments of its functions.
-Artist = Any
-Axes = Any
-Figure = Any
-Style = dict[str, Any]
+Artist: TypeAlias = Any
+Axes: TypeAlias = Artist
+Figure: TypeAlias = Artist
+Style = dict[str, object]
 
 PATH, PLAN, GOAL, INK, GREY = "#3b6ea5", "#d1781f", "#3a8f4d", "#333333", "#8a8f98"
 #: Line style of a plan.

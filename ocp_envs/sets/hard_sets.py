@@ -9,9 +9,10 @@ declaration of the set, and the same call resumes after an interruption.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
 
-Record = dict[str, Any]
+Record = Mapping[str, object]
 #: More instances than any set has: all are solved in the first round, from guesses alone.
 ONE_ROUND = 10**6
 #: Forty guesses for every winding of the goal; small chunks, since each instance takes long.

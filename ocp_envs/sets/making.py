@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,11 +19,10 @@ DIFFERENT = 1e-3
 
 def smaller(hard: HardSet, size: int) -> HardSet:
     """``hard`` with ``size`` instances, made from fewer draws: to try the making out."""
-    changed: Any = replace(hard, size=size)  # type: ignore[type-var]
-    if not isinstance(hard, NearEqualCosts):
-        return changed
-    # In a small draw the fraction near the discontinuity may be smaller.
-    return replace(changed, drawn=2 * -(-hard.drawn * size // hard.size))
+    if isinstance(hard, NearEqualCosts):
+        # In a small draw the fraction near the discontinuity may be smaller.
+        return replace(hard, size=size, drawn=2 * -(-hard.drawn * size // hard.size))
+    return replace(hard, size=size)  # type: ignore[type-var]
 
 
 def make(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +94,7 @@ def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDE
         raise ReferenceDataError(f"no reference set {split!r} is shipped for {problem.id}; there are {there}")
     try:
         maker = "scripts/make_splits.py" if split in HARD else "scripts/generate_data.py --ship"
-        arrays: dict[str, Any] = tables.load(problem, split, folder, maker)
+        arrays = cast("dict[str, Array]", tables.load(problem, split, folder, maker))
         return ReferenceSet(arrays["parameters"], arrays["mode_costs"])
     except tables.TableError as error:
         raise ReferenceDataError(str(error)) from error

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -53,7 +52,7 @@ class Accuracy:
         norm = np.linalg.norm(error, axis=-1).ravel()
         return np.asarray(norm[np.isfinite(norm)])
 
-    def record(self) -> dict[str, Any]:
+    def record(self) -> dict[str, object]:
         """As JSON."""
         return {
             "cases": len(self.goal),

@@ -20,7 +20,6 @@ import tempfile
 import warnings
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 from filelock import FileLock
@@ -75,7 +74,7 @@ def _compiler_version(compiler: str) -> str:
     return subprocess.run([compiler, "--version"], capture_output=True, check=True).stdout.decode(errors="replace")
 
 
-def build_solver(plugin: str, nlp: ca.Function, options: dict[str, Any]) -> ca.Function:
+def build_solver(plugin: str, nlp: ca.Function, options: dict[str, object]) -> ca.Function:
     """``casadi.nlpsol`` with compiled functions; with interpreted ones and one warning where that is impossible.
 
     Args:
@@ -107,7 +106,7 @@ def build_solver(plugin: str, nlp: ca.Function, options: dict[str, Any]) -> ca.F
     return ca.nlpsol("solver", plugin, nlp, options)
 
 
-def _library(plugin: str, nlp: ca.Function, options: dict[str, Any], compiler: str) -> Path:
+def _library(plugin: str, nlp: ca.Function, options: dict[str, object], compiler: str) -> Path:
     """The compiled functions of ``nlp`` for ``plugin``; built where necessary."""
     # The serialised program stands for the C generated from it: CasADi's version is part of the key, and writing the C
     # takes longer than loading the library.

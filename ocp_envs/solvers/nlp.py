@@ -17,7 +17,7 @@ from __future__ import annotations
 import enum
 import time
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -172,8 +172,8 @@ class NlpSolver:
         )
 
 
-def _options(transcription: Transcription, plugin: str, tolerance: float, max_iterations: int) -> dict[str, Any]:
-    own: dict[str, Any]
+def _options(transcription: Transcription, plugin: str, tolerance: float, max_iterations: int) -> dict[str, object]:
+    own: dict[str, object]
     if plugin == "fatrop":
         # Where guesses are good, a small first barrier saves a fifth of the iterations; elsewhere it costs nothing.
         own = {"print_level": 0, "tol": tolerance, "max_iter": max_iterations, "mu_init": 1e-3}

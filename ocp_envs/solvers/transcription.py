@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -69,7 +68,7 @@ class Transcription:
         return self.knots - 1
 
     @cached_property
-    def structure(self) -> dict[str, Any]:
+    def structure(self) -> dict[str, object]:
         """The stagewise structure in fatrop's options."""
         m = self.intervals
         return {

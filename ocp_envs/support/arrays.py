@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Value = TypeVar("Value", bound=np.generic)
 
 
 def read_only(array: Array) -> Array:
@@ -19,7 +20,11 @@ def read_only(array: Array) -> Array:
     return view
 
 
-def frozen_array(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
+@overload
+def frozen_array(values: ArrayLike) -> Array: ...
+@overload
+def frozen_array(values: ArrayLike, dtype: type[Value]) -> NDArray[Value]: ...
+def frozen_array(values: ArrayLike, dtype: type[np.generic] = np.float64) -> NDArray[np.generic]:
     """A read-only copy of ``values`` with the type ``dtype``."""
     array = np.array(values, dtype=dtype)
     array.flags.writeable = False

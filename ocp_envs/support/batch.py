@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -111,7 +110,7 @@ class BoundFunction:
     def __call__(self) -> None:
         self._trigger()
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce__(self) -> tuple[object, ...]:
         return _rebind, (self.function, self.size, self.inputs, self.outputs)
 
 

@@ -7,9 +7,12 @@ import sys
 import time
 import warnings
 from concurrent.futures import BrokenExecutor, Executor
-from typing import Any
+from typing import TYPE_CHECKING
 
 from ocp_envs.support.workers import Workers
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 #: Seconds between looks at a cluster's size.
 LOOK = 5.0
@@ -34,7 +37,7 @@ class TasksInFlight:
         look: seconds between looks.
     """
 
-    def __init__(self, client: Any, look: float = LOOK) -> None:
+    def __init__(self, client: Client, look: float = LOOK) -> None:
         self._client, self._look = client, look
         self._scheduler = client.scheduler.address if client.scheduler else ""
         self._threads, self._looked = 1, -float("inf")

@@ -17,7 +17,7 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing import connection, get_context, parent_process
-from typing import Any, ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -50,9 +50,9 @@ class WorkerPool(Executor):
         self._closed = False
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
-        return self._threads.submit(self._call, (fn, args, kwargs))
+        return cast("Future[T]", self._threads.submit(self._call, (fn, args, kwargs)))
 
-    def _call(self, message: tuple[object, ...]) -> Any:
+    def _call(self, message: tuple[object, ...]) -> object:
         worker: _Worker | None = getattr(self._own, "worker", None)
         if worker is None:
             worker = self._own.worker = _Worker()
@@ -96,7 +96,7 @@ class _Worker:
             self._process.start()
         theirs.close()  # now the death of the process ends the pipe
 
-    def call(self, message: tuple[object, ...]) -> Any:
+    def call(self, message: tuple[object, ...]) -> object:
         try:
             self._connection.send(message)
             good, value = self._connection.recv()

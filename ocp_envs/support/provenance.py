@@ -51,7 +51,7 @@ class Provenance:
     cores: int | None
     versions: dict[str, str]
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, object]:
         """As a JSON object."""
         return asdict(self)
 
@@ -125,7 +125,7 @@ def _commit() -> str | None:
         return None
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> object:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, np.generic):
@@ -137,7 +137,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"cannot write {type(value).__name__} as JSON")
 
 
-def write_json(path: str | os.PathLike[str], content: Mapping[str, Any]) -> None:
+def write_json(path: str | os.PathLike[str], content: Mapping[str, object]) -> None:
     """Write ``content`` as indented JSON, in one step: a reader sees the old file or the new one, never half of one.
 
     NumPy arrays and numbers become lists and numbers; a list of numbers stands on one line.

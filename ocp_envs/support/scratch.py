@@ -8,16 +8,18 @@ from __future__ import annotations
 
 import math
 import tempfile
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
+
+Value = TypeVar("Value", bound=np.generic)
 
 #: Larger arrays, in bytes, are in a file. Its folder is that of :mod:`tempfile`, so ``TMPDIR`` chooses the disk.
 LARGE = 256 * 2**20
 
 
-def empty(shape: tuple[int, ...], dtype: DTypeLike = np.float64, large: int | None = None) -> NDArray[Any]:
+def empty(shape: tuple[int, ...], dtype: type[Value], large: int | None = None) -> NDArray[Value]:
     """An array with undefined values.
 
     Args:
