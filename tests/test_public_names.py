@@ -100,10 +100,17 @@ def test_no_public_name_looks_like_a_test():
     assert not [name for package in PACKAGES for name in package.__all__ if name.lower().startswith("test")]
 
 
-def test_names_that_are_imported_later_stand_for_what_type_checkers_see():
-    """The stub of ``moe_policy`` is the list of its public names; each is imported under its own name."""
-    stub = ast.parse(importlib.resources.files(moe_policy).joinpath("__init__.pyi").read_text())
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.__name__)
+def test_names_that_are_imported_later_stand_for_what_type_checkers_see(package):
+    """The stub of a package is the list of its public names; what it lists is there, and in ``dir()``."""
+    stub = ast.parse(importlib.resources.files(package).joinpath("__init__.pyi").read_text())
     listed = {alias.asname: node.module for node in stub.body for alias in node.names}
-    assert sorted(listed) == moe_policy.__all__
+    assert sorted(listed) == package.__all__
+    assert set(listed) <= set(dir(package))
     for name, module in listed.items():
-        assert getattr(moe_policy, name) is getattr(importlib.import_module(module), name)
+        assert getattr(package, name) is getattr(importlib.import_module(module), name)
+
+
+def test_names_that_are_not_public_are_no_attributes():
+    with pytest.raises(AttributeError, match="module 'ocp_envs' has no attribute 'nothing'"):
+        _ = ocp_envs.nothing

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gymnasium as gym
+
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
@@ -39,12 +41,24 @@ def names() -> list[str]:
     return sorted(_catalogue)
 
 
-def add(problem: OptimalControlProblem) -> None:
-    """Add ``problem`` to the catalogue; adding the same object again changes nothing.
+def register(problem: OptimalControlProblem) -> None:
+    """Make ``problem`` known to :func:`load`, ``gymnasium.make`` and ``gymnasium.make_vec`` under its id.
+
+    Registering the same object again changes nothing.
 
     Raises:
-        ValueError: another problem already has that name.
+        ValueError: another problem, or another package's environment, already has that id.
     """
-    if problem.id in _catalogue and _catalogue[problem.id] is not problem:
+    entry_point = "ocp_envs.envs.env:Env"
+    if problem.id in gym.registry and gym.registry[problem.id].entry_point != entry_point:
+        raise ValueError(f"Gymnasium already has an environment {problem.id!r}; give your problem another id")
+    if _catalogue.setdefault(problem.id, problem) is not problem:
         raise ValueError(f"a problem called {problem.id!r} is already registered; give yours another id")
-    _catalogue[problem.id] = problem
+    if problem.id not in gym.registry:
+        gym.register(
+            id=problem.id,
+            entry_point=entry_point,
+            vector_entry_point="ocp_envs.envs.vector_env:VectorEnv",
+            max_episode_steps=None,  # the time limit is the environment's own, in seconds
+            kwargs={"problem": problem.id},
+        )

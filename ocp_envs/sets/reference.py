@@ -100,3 +100,7 @@ def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDE
         raise ReferenceDataError(str(error)) from error
     except KeyError as error:
         raise ReferenceDataError(f"{path} is damaged or no reference file ({error} is missing)") from error
+
+
+#: The public name of :func:`load` in ``ocp_envs``.
+load_reference = load

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ocp_envs.goal import Goal
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.problems import BENCHMARK, UnknownProblemError, add, load, names
+from ocp_envs.problems import BENCHMARK, UnknownProblemError, load, names, register
 from ocp_envs.problems.description import describe
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import HOVER_THRUST, QUADCOPTER, QUADCOPTER_OBSTACLE
@@ -174,7 +174,7 @@ def test_the_catalogue_suggests_the_nearest_name():
         load("PendulumSwingUp-v1")
     assert "PendulumSwingup-v0" in names()
     with pytest.raises(ValueError, match="already registered"):
-        add(dataclasses.replace(PENDULUM, knots=30))
+        register(dataclasses.replace(PENDULUM, knots=30))
 
 
 @pytest.mark.parametrize(
