@@ -14,7 +14,6 @@ import gymnasium as gym
 
 import ocp_envs
 from moe_policy.experiments import cli
-from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.environments import (
     EnvironmentSpeed,
     SingleStep,
@@ -57,9 +56,7 @@ def main() -> None:
         substeps=substeps,
         provenance=provenance(),
     )
-    path = arguments.results / "benchmark_env.json"
-    write(path, record)
-    cli.say(f"wrote {path}")
+    cli.publish(arguments, "benchmark_env", record)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ full size have nearer neighbours than these, so they miss less. Writes ``benchma
 
 import ocp_envs
 from moe_policy.experiments import cli
-from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.generation import TOLERANCE, GenerationSpeed, compare, measure, settings_by_name
 from ocp_envs.support.provenance import provenance
 
@@ -31,9 +30,7 @@ def main() -> None:
     record = GenerationSpeed(
         env_id=problem.id, problems=len(p), seed=SEED, tolerance=TOLERANCE, rows=rows, provenance=provenance()
     )
-    path = arguments.results / f"benchmark_generation_{problem.id}.json"
-    write(path, record)
-    cli.say(f"wrote {path}")
+    cli.publish(arguments, f"benchmark_generation_{problem.id}", record)
 
 
 if __name__ == "__main__":

@@ -14,7 +14,6 @@ Methods take turns, all on one core. Writes ``benchmark_planning_<env>.json``.
 from moe_policy.experiments import cli
 from moe_policy.experiments.latency import BATCHES, PLANNING_COLUMNS, Latency, planner_rows, planning_rows, step_rows
 from moe_policy.experiments.methods import optimal_planner, shipped, stabiliser
-from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS, cold, solver_rows, warm
 from moe_policy.experiments.speed.solver import ON_ONE_CORE
 from moe_policy.experiments.tables import text_table
@@ -49,9 +48,7 @@ def main() -> None:
         env_id=problem.id, cases=len(p), dt=DT, planners=planned, solver=solved, steps=stepped, provenance=provenance()
     )
     cli.say(text_table(planning_rows(record), PLANNING_COLUMNS))
-    path = arguments.results / f"benchmark_planning_{problem.id}.json"
-    write(path, record)
-    cli.say(f"wrote {path}")
+    cli.publish(arguments, f"benchmark_planning_{problem.id}", record)
 
 
 if __name__ == "__main__":

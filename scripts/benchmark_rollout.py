@@ -13,7 +13,6 @@ import numpy as np
 
 import moe_policy
 from moe_policy.experiments import cli
-from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.rollouts import DT, Batched, RolloutSpeed, batched, one_by_one
 from ocp_envs.support.provenance import provenance
 
@@ -53,13 +52,10 @@ def main() -> None:
         same_successes=all(bool(np.array_equal(many[:few], one)) for (_, many), (_, one) in runs),
         provenance=provenance(),
     )
-    path = arguments.results / f"benchmark_rollout_{problem.id}.json"
-    write(path, record)
+    cli.publish(arguments, f"benchmark_rollout_{problem.id}", record)
     parts = f"planning {together.planning:.3f} s and gains {together.tracking_setup:.2f} s of it"
     cli.say(f"{count} tracked plans, batched: {together.whole:.2f} s ({parts})")
-    cli.say(
-        f"one environment at a time: {1e3 * alone:.1f} ms an episode, {record.ratio:.0f} times as long; wrote {path}"
-    )
+    cli.say(f"one environment at a time: {1e3 * alone:.1f} ms an episode, {record.ratio:.0f} times as long")
 
 
 if __name__ == "__main__":

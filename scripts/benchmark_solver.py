@@ -16,7 +16,6 @@ import time
 from functools import partial
 
 from moe_policy.experiments import cli
-from moe_policy.experiments.records import write
 from moe_policy.experiments.speed.opti import PlainOpti
 from moe_policy.experiments.speed.solver import (
     KINDS,
@@ -67,11 +66,9 @@ def main() -> None:
         plain=plain_ratio(compared),
         provenance=provenance(),
     )
-    path = arguments.results / f"benchmark_solver_{problem.id}.json"
-    write(path, record)
+    cli.publish(arguments, f"benchmark_solver_{problem.id}", record)
     if record.plain:
         cli.say(f"our highest rate to the highest of Opti without a warm start: {record.plain:.1f}")
-    cli.say(f"wrote {path}")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.quality import SEED, CheckedDatabase, Quality, Search, compare, exhaustive, widened
-from moe_policy.experiments.records import write
 from moe_policy.planners.solver import SolverPlanner
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
@@ -119,9 +118,7 @@ def main() -> None:
         databases=checks,
         provenance=provenance(),
     )
-    path = arguments.results / f"data_quality_{problem.id}.json"
-    write(path, record)
-    cli.say(f"wrote {path}")
+    cli.publish(arguments, f"data_quality_{problem.id}", record)
 
 
 if __name__ == "__main__":

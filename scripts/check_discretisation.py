@@ -11,7 +11,6 @@ import numpy as np
 import moe_policy
 from moe_policy.experiments import cli
 from moe_policy.experiments.discretisation import COLUMNS, Discretisation, estimates, excess
-from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import text_table
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
@@ -39,11 +38,10 @@ def main() -> None:
     arguments = cli.parser(__doc__, cases="validation instances", default_cases=40).parse()
     problem = arguments.problem
     record = measure(problem, arguments.cases)
-    path = arguments.results / f"discretisation_{problem.id}.json"
-    write(path, record)
+    cli.publish(arguments, f"discretisation_{problem.id}", record)
     cli.say(f"{problem.id}: plans of {record.intervals} intervals, {record.cases} instances")
     cli.say(text_table(record.rows, COLUMNS))
-    cli.say(f"{record.seconds:.0f} s; written to {path}")
+    cli.say(f"{record.seconds:.0f} s")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.interruptions import Interruptions, generate_interrupted, plan_kills
-from moe_policy.experiments.records import write
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError
 from ocp_envs.problem import OptimalControlProblem
@@ -103,10 +102,9 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as temporary:
         record = check(arguments, split, arguments.folder or Path(temporary))
-    path, again = arguments.results / f"interruptions_{problem.id}.json", record.interrupted.chunks_written_again
-    write(path, record)
+    again = record.interrupted.chunks_written_again
+    cli.publish(arguments, f"interruptions_{problem.id}", record)
     cli.say(f"{len(record.interrupted.kills)} kills, {again} chunks written again; equal arrays: {record.equal}")
-    cli.say(f"wrote {path}")
     if not record.equal or again:
         raise SystemExit("the interrupted database differs from the undisturbed one")
 

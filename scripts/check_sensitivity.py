@@ -21,7 +21,6 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, Sensitivity, run
 from moe_policy.experiments.methods import Method, solutions
-from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.network import NetworkPlanner
@@ -71,7 +70,7 @@ def main() -> None:
         rows.append(row)
         cli.say(f"{name}: {row.metrics.success.count} of {len(p)}")
     record = Sensitivity(env_id=SWAPPED.id, cases=len(p), rows=tuple(rows), provenance=provenance())
-    write(arguments.results / f"sensitivity_{QUADCOPTER.id}.json", record)
+    cli.publish(arguments, f"sensitivity_{QUADCOPTER.id}", record)
     print(text_table(rows, COLUMNS))
 
 

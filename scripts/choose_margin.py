@@ -17,7 +17,6 @@ from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, MarginRow, Margins, run
 from moe_policy.experiments.figures.comparison import margins_figure
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.stored import StoredPlans
@@ -54,8 +53,7 @@ def main() -> None:
         rows=tuple(rows),
         provenance=provenance(),
     )
-    write(arguments.results / f"margin_{problem.id}.json", record)
-    margins_figure(arguments.results / f"margin_{problem.id}.png", rows)
+    margins_figure(cli.publish(arguments, f"margin_{problem.id}", record).with_suffix(".png"), rows)
     print(text_table(rows, MARGIN_COLUMNS))
 
 

@@ -20,7 +20,6 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, TrackingChoice, TrackingRow, run
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
@@ -67,7 +66,7 @@ def main() -> None:
     record = TrackingChoice(
         env_id=problem.id, split="development", cases=len(samples), rows=tuple(rows), provenance=provenance()
     )
-    write(arguments.results / f"tracking_{problem.id}.json", record)
+    cli.publish(arguments, f"tracking_{problem.id}", record)
     print(text_table(rows, TRACKING_COLUMNS))
 
 

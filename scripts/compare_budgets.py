@@ -26,7 +26,7 @@ from moe_policy.experiments.learner_budgets import ChosenActor, DevelopmentMetri
 from moe_policy.experiments.learners import CaseSet, LearnerTraining, learner_trainings
 from moe_policy.experiments.methods import Method, solve_all
 from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, planner_rows
-from moe_policy.experiments.records import read, write
+from moe_policy.experiments.records import read
 from moe_policy.experiments.seeds import TrainingComparison, TrainingRow
 from moe_policy.experiments.tables import text_table
 from moe_policy.planners.network import NetworkPlanner
@@ -140,13 +140,10 @@ def main() -> None:
     arguments = parser.parse()
     cli.threads()
     record = compare(arguments.problem, Sources.read(arguments.records, arguments.problem), arguments.cases)
-    path = arguments.results / f"budgets_{record.env_id}.json"
-    write(path, record)
-    budgets_figure(path.with_suffix(".png"), record)
+    budgets_figure(cli.publish(arguments, f"budgets_{record.env_id}", record).with_suffix(".png"), record)
     cli.say(text_table(record.rows, BUDGET_COLUMNS))
     for what, why in record.not_attempted.items():
         cli.say(f"not attempted: {what}: {why}")
-    cli.say(f"written to {path} and .png")
 
 
 if __name__ == "__main__":

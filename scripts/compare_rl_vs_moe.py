@@ -31,7 +31,6 @@ from moe_policy.experiments.methods import (
     steps,
     variants,
 )
-from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
@@ -139,13 +138,12 @@ def main() -> None:
         rows=tuple(rows),
         provenance=provenance(),
     )
-    path = arguments.results / f"compare{'_trained' if arguments.train else ''}_{problem.id}"
-    write(f"{path}.json", record)
+    path = cli.publish(arguments, f"compare{'_trained' if arguments.train else ''}_{problem.id}", record)
     metrics = {row.name: row.metrics for row in rows}
     errors = {name: found.plan_end_error for name, found in episodes.items()}
-    comparison_figure(f"{path}.png", metrics, errors, problem.goal.radius)
+    comparison_figure(path.with_suffix(".png"), metrics, errors, problem.goal.radius)
     cli.say(f"\n{text_table(rows, COLUMNS)}")
-    cli.say(f"{record.seconds:.0f} s; written to {path}.json and .png")
+    cli.say(f"{record.seconds:.0f} s")
 
 
 if __name__ == "__main__":

@@ -131,10 +131,8 @@ def main() -> None:
     validation = reference.load(problem, "validation").parameters
     parameters = validation[: arguments.cases or max(MINIMUM, len(validation) // 5)]
     record = compare(problem, parameters, data=data, seed=arguments.seed, workers=arguments.workers)
-    path = arguments.results / f"robustness_{problem.id}.json"
-    write(path, record)
-    robustness_figure(path.with_suffix(".png"), record)
-    cli.say(f"{record.tables()}\n{record.cpu_seconds:.0f} s of one core; written to {path} and .png")
+    robustness_figure(cli.publish(arguments, f"robustness_{problem.id}", record).with_suffix(".png"), record)
+    cli.say(f"{record.tables()}\n{record.cpu_seconds:.0f} s of one core")
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ from moe_policy.experiments.comparison import run
 from moe_policy.experiments.distances import DistanceCurves
 from moe_policy.experiments.figures.splits import splits_figure
 from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
-from moe_policy.experiments.records import write
 from moe_policy.experiments.splits import (
     BINNED,
     SPLIT_COLUMNS,
@@ -116,11 +115,10 @@ def main() -> None:
     if not chosen:
         parser.error(f"{problem.id} has no such split; there are {', '.join(there)}")
     record = compare(problem, chosen, arguments.cases)
-    path = arguments.results / f"compare_splits_{problem.id}.json"
-    write(path, record)
+    cli.publish(arguments, f"compare_splits_{problem.id}", record)
     figure = splits_figure(arguments.results / f"splits_{problem.id}.png", problem, record)
     cli.say(f"\n{text_table(record.rows, SPLIT_COLUMNS)}")
-    cli.say(f"{record.seconds:.0f} s; written to {path} and {figure}")
+    cli.say(f"{record.seconds:.0f} s; wrote {figure}")
 
 
 if __name__ == "__main__":

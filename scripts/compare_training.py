@@ -22,7 +22,7 @@ from moe_policy.experiments.benchmark.parts import Benchmark
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.comparison import sizes_figure
 from moe_policy.experiments.figures.details import Details
-from moe_policy.experiments.records import ABSENT, write
+from moe_policy.experiments.records import ABSENT
 from moe_policy.experiments.seeds import Model, Paper, TrainingComparison, TrainingRow
 from moe_policy.experiments.trainings import Folders, Run
 from moe_policy.learning.architectures import PAPER_SIZES, Hidden
@@ -144,7 +144,7 @@ def main() -> None:
         seconds=time.perf_counter() - began,
         provenance=provenance(),
     )
-    write(arguments.results / f"compare_training_{problem.id}.json", record)
+    cli.publish(arguments, f"compare_training_{problem.id}", record)
     for row in rows:
         cli.say(f"{row.name:45s} {row.success_spread.median:6.0f} {row.success_at_plan_end_spread.median:6.0f}")
 

@@ -17,7 +17,6 @@ import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.diagnosis import explain
 from moe_policy.experiments.failures import COLUMNS, Diagnosis, EvaluatedAt, counts
-from moe_policy.experiments.records import write
 from moe_policy.experiments.tables import Column, proportion, text_table
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.rollouts.intervals import Proportion
@@ -76,9 +75,8 @@ def main() -> None:
     )
     report(record, planner.name)
     suffix = "" if arguments.at is EvaluatedAt.EVALUATION_TIME else f"_{arguments.at}"
-    output = arguments.results / f"failures_{problem.id}_{path.name}{suffix}.json"
-    write(output, record)
-    cli.say(f"{record.seconds:.0f} s; wrote {output}")
+    cli.publish(arguments, f"failures_{problem.id}_{path.name}{suffix}", record)
+    cli.say(f"{record.seconds:.0f} s")
 
 
 def report(record: Diagnosis, name: str) -> None:

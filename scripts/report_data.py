@@ -11,7 +11,6 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.data import accuracy_of, contents
 from moe_policy.experiments.data_report import DataReport, Integration, text
 from moe_policy.experiments.figures.data import data_figure
-from moe_policy.experiments.records import write
 from ocp_envs.data.database import Database
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.solvers.accuracy import ATOL, RTOL
@@ -42,9 +41,8 @@ def main() -> None:
         reports[name], splits[name] = (held, accuracy), held.report
     cli.say(text(f"{problem.id}: {problem.title}", splits))
     integration = Integration(method="DOP853", rtol=RTOL, atol=ATOL, seed=SEED)
-    path = arguments.results / f"data_{problem.id}.json"
-    write(path, DataReport(env_id=problem.id, splits=splits, integration=integration, provenance=provenance()))
-    cli.say(f"wrote {path}")
+    record = DataReport(env_id=problem.id, splits=splits, integration=integration, provenance=provenance())
+    path = cli.publish(arguments, f"data_{problem.id}", record)
     cli.say(f"wrote {data_figure(path.with_suffix('.png'), reports)}")
 
 

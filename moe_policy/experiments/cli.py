@@ -14,6 +14,7 @@ from typing import NoReturn
 import torch
 
 import ocp_envs
+from moe_policy.experiments.records import Record, write
 from moe_policy.store import SHIPPED
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError
@@ -117,6 +118,14 @@ def one_core() -> None:
     """Keep this process and those that it starts, such as the solver's, to one core."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+
+def publish(arguments: argparse.Namespace, name: str, record: Record) -> Path:
+    """Write ``record`` to ``<name>.json`` in the folder of the results, say so, and return the path."""
+    path: Path = arguments.results / f"{name}.json"
+    write(path, record)
+    say(f"wrote {path}")
+    return path
 
 
 def say(text: str = "") -> None:
