@@ -11,8 +11,8 @@ interruption; ``--again --ship`` replaces it. Writes ``starts_<env>.json``.
 from dataclasses import replace
 
 from moe_policy.experiments import cli
+from moe_policy.experiments.generation import STARTS, StartTables
 from moe_policy.experiments.records import read, write
-from moe_policy.experiments.start_tables import STARTS, StartTables
 from ocp_envs import tables
 from ocp_envs.distribution import Blocked
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE

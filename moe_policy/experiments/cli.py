@@ -57,19 +57,12 @@ def parser(
     cases: str | None = None,
     default_cases: int | None = None,
 ) -> Parser:
-    """A parser with the common options of the scripts.
+    """A parser with the common options of the scripts; ``doc``, the docstring of the script, is shown by ``--help``.
 
-    Args:
-        doc: docstring of the script, shown by ``--help``.
-        env: default of ``--env``; ``None`` for a script without this option.
-        data: whether there is ``--data``, the folder of the databases.
-        results: whether there are ``--results`` and ``--ship``.
-        models: whether there is ``--models``, the folder into which models are written; needs ``results``.
-        ship: what ``--ship`` does.
-        workers: whether there is ``--workers``, the number of processes; ``None`` stands for one per core.
-        seed: default of ``--seed``; ``None`` for a script without this option.
-        cases: what ``--cases`` counts; ``None`` for a script without this option.
-        default_cases: default of ``--cases``; ``None`` stands for all of them.
+    ``env`` and ``seed`` are the defaults of ``--env`` and ``--seed``, ``None`` for scripts without these options;
+    ``cases`` says what ``--cases`` counts, ``None`` for scripts without it, and ``default_cases`` its default, ``None``
+    for all. The others say whether there are ``--data`` (folder of the databases), ``--results`` and ``--ship`` (which
+    does what ``ship`` says), ``--models`` (folder of models; needs ``results``) and ``--workers``.
     """
     made = Parser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
     if env is not None:

@@ -68,8 +68,7 @@ def explain(
     failed = np.flatnonzero(~trial.success(episodes))
     if not len(failed):
         return []
-    parts = cases[failed], plan[failed], episodes[failed]
-    return _find(planner, *parts, training, trial, neighbours).failures()
+    return _failures(planner, cases[failed], plan[failed], episodes[failed], training, trial, neighbours)
 
 
 def _check(
@@ -114,58 +113,7 @@ class _Trial:
         return episodes.success
 
 
-@dataclass(frozen=True, eq=False)
-class _Findings:
-    """What is known of the instances on which a planner fails: arrays by instance, (B,) unless it says otherwise."""
-
-    cases: Samples  # the instances
-    predicted: Array  # error of the plan's own end
-    error: Array  # error of the tracked plan when it is evaluated
-    episodes: Episodes  # of the tracked plans
-    chosen: Ints  # expert that the gate prefers
-    confidence: Array  # the gate's probability of it
-    good: Bools  # experts whose own plans succeed, (B, r)
-    right: Bools  # experts that count as right, (B, r)
-    tracked: Bools  # whether the optimal trajectory succeeds
-    reachable: Bools  # whether a near training sample of the optimal family succeeds
-    distance: Array  # to the nearest of them
-
-    def failures(self) -> list[Failure]:
-        """A failure for each instance."""
-        causes = np.select(
-            [
-                ~self.tracked,
-                (self.good & self.right).any(axis=1),
-                ~(self.reachable & self.right.any(axis=1)),
-            ],
-            [Cause.TRACKER, Cause.GATE, Cause.DATA],
-            Cause.EXPERT,
-        )
-        difference = relative_cost_difference(self.cases.mode_costs)
-        return [self._failure(i, Cause(causes[i]), difference[i]) for i in range(len(causes))]
-
-    def _failure(self, i: int, cause: Cause, difference: float) -> Failure:
-        cases, episodes = self.cases, self.episodes
-        return Failure(
-            index=int(cases.index[i]),
-            parameters=tuple(cases.parameters[i].tolist()),
-            cause=cause,
-            mode=cases.problem.modes.names[cases.mode[i]],
-            chosen=int(self.chosen[i]),
-            confidence=float(self.confidence[i]),
-            right=tuple(np.flatnonzero(self.right[i]).tolist()),
-            successful=tuple(np.flatnonzero(self.good[i]).tolist()),
-            relative_gap=_number(difference),
-            nearest_distance=_number(self.distance[i]),
-            final_error=float(self.error[i]),
-            predicted_error=_number(self.predicted[i]),
-            left_box=bool(episodes.left_box[i]),
-            clipped=bool(episodes.clipped[i]),
-            rejected=bool(episodes.rejected[i]),
-        )
-
-
-def _find(
+def _failures(
     planner: NetworkPlanner,
     cases: Samples,
     plan: Trajectory,
@@ -173,24 +121,39 @@ def _find(
     training: Samples,
     trial: _Trial,
     neighbours: int,
-) -> _Findings:
-    """What there is to know of ``cases``, on which the ``planner``'s ``plan`` fails in ``episodes``."""
+) -> list[Failure]:
+    """A failure for each of ``cases``, on which the ``planner``'s ``plan`` fails in ``episodes``."""
     p = cases.parameters
     chosen, probabilities = planner.gate(p)
     nearest, distance = _nearest(training, cases, neighbours)
-    return _Findings(
-        cases=cases,
-        predicted=cases.problem.goal_error(plan.states[:, -1]),
-        error=trial.error(episodes),
-        episodes=episodes,
-        chosen=chosen,
-        confidence=probabilities[np.arange(len(p)), chosen],
-        good=_good_experts(planner, p, chosen, trial),
-        right=_right_experts(planner, cases.mode),
-        tracked=trial.success(trial.episodes(p, cases.trajectory)),
-        reachable=_reachable(training, nearest, p, trial),
-        distance=distance,
+    good, right = _good_experts(planner, p, chosen, trial), _right_experts(planner, cases.mode)
+    tracked = trial.success(trial.episodes(p, cases.trajectory))
+    sufficient = _reachable(training, nearest, p, trial) & right.any(axis=1)
+    causes = np.select(
+        [~tracked, (good & right).any(axis=1), ~sufficient], [Cause.TRACKER, Cause.GATE, Cause.DATA], Cause.EXPERT
     )
+    error, predicted = trial.error(episodes), cases.problem.goal_error(plan.states[:, -1])
+    difference = relative_cost_difference(cases.mode_costs)
+    return [
+        Failure(
+            index=int(cases.index[i]),
+            parameters=tuple(p[i].tolist()),
+            cause=Cause(causes[i]),
+            mode=cases.problem.modes.names[cases.mode[i]],
+            chosen=int(chosen[i]),
+            confidence=float(probabilities[i, chosen[i]]),
+            right=tuple(np.flatnonzero(right[i]).tolist()),
+            successful=tuple(np.flatnonzero(good[i]).tolist()),
+            relative_gap=_number(difference[i]),
+            nearest_distance=_number(distance[i]),
+            final_error=float(error[i]),
+            predicted_error=_number(predicted[i]),
+            left_box=bool(episodes.left_box[i]),
+            clipped=bool(episodes.clipped[i]),
+            rejected=bool(episodes.rejected[i]),
+        )
+        for i in range(len(p))
+    ]
 
 
 def _good_experts(planner: NetworkPlanner, p: Array, chosen: Ints, trial: _Trial) -> Bools:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -94,15 +94,10 @@ class Range(Record):
     maximum: float = renamed("most")  # largest value
 
     @classmethod
-    def of(cls, values: Sequence[float]) -> Range:
-        """The range of ``values``, one a seed."""
-        return cls(median=float(np.median(values)), minimum=min(values), maximum=max(values))
-
-    @classmethod
-    def known(cls, values: Sequence[float | None]) -> Range | Absent:
-        """The same, :data:`ABSENT` for a metric that the problem does not have."""
+    def of(cls, values: Sequence[float | None]) -> Range | Absent:
+        """The range of ``values``, one a seed; :data:`ABSENT` for a metric that the problem does not have."""
         found = [value for value in values if value is not None]
-        return cls.of(found) if found else ABSENT
+        return cls(median=float(np.median(found)), minimum=min(found), maximum=max(found)) if found else ABSENT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,6 +117,11 @@ class Paper(Record):
         """What is known of ``published``."""
         values: dict[str, Any] = {} if published is None else asdict(published)
         return cls(**{name: value for name, value in values.items() if value is not None})
+
+
+#: Fields of a model and of its training that are lists in a row.
+_OF_MODEL = tuple(field.name for field in fields(Model) if field.name != "training")
+_OF_TRAINING = tuple(field.name for field in fields(Training) if field.name not in ("seed", "samples"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,37 +159,12 @@ class TrainingRow(Record):
     def of(cls, name: str, models: Sequence[Model], published: Published | None = None) -> TrainingRow:
         """The row of ``models``, one for each seed, all from equally many samples, with the ``published`` values."""
         trainings = [model.training for model in models]
-        success = tuple(model.success for model in models)
-        at_end = tuple(model.success_at_plan_end for model in models)
-        violation, at_knots = tuple(m.violation for m in models), tuple(m.knot_violation for m in models)
-        test_error = tuple(training.test_error for training in trainings)
-        validation_error = tuple(model.validation_error for model in models)
-        seconds = tuple(training.training_seconds for training in trainings)
-        return cls(
-            name=name,
-            samples=trainings[0].samples,
-            seeds=tuple(training.seed for training in trainings),
-            success=success,
-            success_at_plan_end=at_end,
-            reached=tuple(model.reached for model in models),
-            violation=violation,
-            knot_violation=at_knots,
-            test_error=test_error,
-            validation_error=validation_error,
-            training_seconds=seconds,
-            peak_memory_gb=tuple(present(training.peak_memory_gb) for training in trainings),
-            gate_accuracy=tuple(present(training.gate_accuracy) for training in trainings),
-            part_test_errors=tuple(present(training.part_test_errors) for training in trainings),
-            cluster_sizes=tuple(present(training.cluster_sizes) for training in trainings),
-            success_spread=Range.of(success),
-            success_at_plan_end_spread=Range.of(at_end),
-            violation_spread=Range.known(violation),
-            knot_violation_spread=Range.known(at_knots),
-            test_error_spread=Range.of(test_error),
-            validation_error_spread=Range.of(validation_error),
-            training_seconds_spread=Range.of(seconds),
-            paper=Paper.of(published),
-        )
+        lists: dict[str, Any] = {name: tuple(getattr(model, name) for model in models) for name in _OF_MODEL}
+        lists |= {name: tuple(present(getattr(training, name)) for training in trainings) for name in _OF_TRAINING}
+        spread = [name for name in lists if f"{name}_spread" in cls.__dataclass_fields__]
+        spreads: dict[str, Any] = {f"{name}_spread": Range.of(lists[name]) for name in spread}
+        seeds = tuple(training.seed for training in trainings)
+        return cls(name=name, samples=trainings[0].samples, seeds=seeds, paper=Paper.of(published), **lists, **spreads)
 
     def with_paper(self, published: Published | None) -> TrainingRow:
         """The row with the values of ``published``, or unchanged."""
@@ -197,14 +172,9 @@ class TrainingRow(Record):
 
     def with_training(self, shipped: Training) -> TrainingRow:
         """The row with what it lacks, taken from the training of the ``shipped`` model."""
-        known: dict[str, Any] = {
-            "peak_memory_gb": shipped.peak_memory_gb,
-            "gate_accuracy": shipped.gate_accuracy,
-            "part_test_errors": shipped.part_test_errors,
-            "cluster_sizes": shipped.cluster_sizes,
-        }
-        lacking: dict[str, Any] = {name: (value,) for name, value in known.items() if getattr(self, name) is ABSENT}
-        return replace(self, shipped_seed=(shipped.seed,), **lacking)
+        lacking = [name for name in _OF_TRAINING if getattr(self, name) is ABSENT]
+        taken: dict[str, Any] = {name: (getattr(shipped, name),) for name in lacking}
+        return replace(self, shipped_seed=(shipped.seed,), **taken)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,7 +12,7 @@ from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.failures import Diagnosis
-from moe_policy.experiments.generation import Generation, HardSets
+from moe_policy.experiments.generation import Generation, HardSets, StartTables
 from moe_policy.experiments.interruptions import Interruptions
 from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.learners import LearnerTraining, Search
@@ -27,7 +27,6 @@ from moe_policy.experiments.speed.generation import GenerationSpeed
 from moe_policy.experiments.speed.rollouts import RolloutSpeed
 from moe_policy.experiments.speed.solver import SolverSpeed
 from moe_policy.experiments.splits import SplitComparison
-from moe_policy.experiments.start_tables import StartTables
 from ocp_envs.support.provenance import Provenance, provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"

@@ -66,4 +66,4 @@ def test_what_an_older_row_lacks_comes_from_the_shipped_model():
 
 @pytest.mark.parametrize("values", [(), (None, None)])
 def test_a_metric_that_a_problem_lacks_has_no_range(values):
-    assert Range.known(values) is ABSENT
+    assert Range.of(values) is ABSENT
