@@ -37,15 +37,13 @@ class ComparisonRow(Record):
 
     name: str  # of the method
     data: str | None  # what it learnt from; ``None`` where nothing was learnt
-    #: duration of its training without the generation of data; ``None`` where nothing was learnt
-    training_seconds: float | None
+    training_seconds: float | None  # of its training without that of data; ``None`` where nothing was learnt
     metrics: Metrics = inline()  # of its episodes; costs are compared with the tracked optimum
     planning_seconds: dict[str, float] | Absent = ABSENT  # seconds per plan by batch size, of a planner
     parameters_total: int | None  # number of its weights or stored values; ``None`` where it has none
     parameters_active: int | None  # number of those that one plan uses
     test_error: float | Absent = ABSENT  # smooth L1 loss of a network on its test split
-    #: the same of its predictions for the cases; ``None`` where no optimum is known
-    validation_error: float | Absent | None = ABSENT
+    validation_error: float | Absent | None = ABSENT  # of its predictions; ``None`` without a known optimum
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,48 +28,32 @@ class Contents:
     differences: Array  # (second − best) / |best| of the instances with at least two families
 
 
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Statistics of some rows: arrays count instances by number of families, by family and by :class:`Status`."""
-
-    failing: int
-    misfiled: int
-    killed: int
-    modes_found: Ints
-    found: Ints
-    best: Ints
-    statuses: Ints
-    differences: Array
-
-
-def _block(database: Database, where: slice, rows: StoredRows) -> _Block:
+def _block(database: Database, where: slice, rows: StoredRows) -> tuple[dict[str, Ints], Array]:
+    """Counts of ``rows``, by number of families, by family or by :class:`Status`, and relative cost differences."""
     problem, modes = database.problem, len(database.problem.modes)
     present, full = rows.present, rows.found
     row, mode = np.nonzero(full)
     trajectory, parameters = problem.unflatten(rows.z[row, mode]), database.stored_parameters(where)[row]
     filed = problem.modes.classify(problem, parameters, trajectory, rows.multipliers[row, mode])
     count, cost = full.sum(axis=1), np.where(full, rows.cost, np.inf)
-    return _Block(
-        failing=int((~verify(problem, parameters, trajectory, rows.cost[row, mode]).passed).sum()),
-        misfiled=int((filed != mode).sum()),
-        killed=int(np.minimum(rows.failures, rows.fallbacks)[present].sum()),
-        modes_found=np.bincount(count[present], minlength=modes + 1),
-        found=full.sum(axis=0),
-        best=np.bincount(cost[count > 0].argmin(axis=1), minlength=modes),
-        statuses=np.bincount(rows.status[present], minlength=len(Status)),
-        differences=relative_cost_difference(cost[count > 1]),
-    )
+    counts = {
+        "failing": (~verify(problem, parameters, trajectory, rows.cost[row, mode]).passed).sum(),
+        "misfiled": (filed != mode).sum(),
+        "killed": np.minimum(rows.failures, rows.fallbacks)[present].sum(),
+        "modes_found": np.bincount(count[present], minlength=modes + 1),
+        "found": full.sum(axis=0),
+        "best": np.bincount(cost[count > 0].argmin(axis=1), minlength=modes),
+        "statuses": np.bincount(rows.status[present], minlength=len(Status)),
+    }
+    return counts, relative_cost_difference(cost[count > 1])
 
 
 def contents(database: Database, accuracy: Accuracy | None = None) -> Contents:
     """The statistics of ``database``, read and checked in blocks, with the ``accuracy`` of some of its plans."""
     blocks = [_block(database, where, rows) for where, rows in database.blocks()]
-    modes_found, found, best, statuses = (
-        np.sum([getattr(block, name) for block in blocks], axis=0).tolist()
-        for name in ("modes_found", "found", "best", "statuses")
-    )
-    totals, differences = Totals.of(database), np.concatenate([block.differences for block in blocks])
-    families = zip(database.problem.modes.names, found, best)
+    counts = {name: np.sum([block[name] for block, _ in blocks], axis=0).tolist() for name in blocks[0][0]}
+    totals, differences = Totals.of(database), np.concatenate([block for _, block in blocks])
+    families = zip(database.problem.modes.names, counts["found"], counts["best"])
     report = SplitReport(
         size=len(database),
         totals=totals,
@@ -77,12 +61,12 @@ def contents(database: Database, accuracy: Accuracy | None = None) -> Contents:
         iterations_per_solve=totals.iterations / max(totals.solves, 1),
         # It is not stored how solves failed, but known where none did.
         failures_by_kind=None if totals.failures else {kind.name: 0 for kind in FAILURES},
-        killed_at_most=sum(block.killed for block in blocks),
-        unsolved={kind.name: statuses[kind] for kind in Status if kind is not Status.SOLVED},
-        trajectories=sum(found),
-        failing=sum(block.failing for block in blocks),
-        misfiled=sum(block.misfiled for block in blocks),
-        modes_found=tuple(modes_found),
+        killed_at_most=counts["killed"],
+        unsolved={kind.name: counts["statuses"][kind] for kind in Status if kind is not Status.SOLVED},
+        trajectories=sum(counts["found"]),
+        failing=counts["failing"],
+        misfiled=counts["misfiled"],
+        modes_found=tuple(counts["modes_found"]),
         families=tuple(
             FamilyRow(mode=name, found=n, best=cheapest, share=cheapest / max(totals.solved, 1))
             for name, n, cheapest in families

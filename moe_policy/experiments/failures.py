@@ -42,10 +42,8 @@ class Failure(Record):
     #: are not the problem's families
     right: tuple[int, ...]
     successful: tuple[int, ...]  # experts whose own plans succeed
-    #: relative cost difference of the two cheapest families; ``None`` where only one was found
-    relative_gap: float | None
-    #: from p to the nearest training sample of the optimal family; ``None`` where there is none
-    nearest_distance: float | None
+    relative_gap: float | None  # relative cost difference of the two cheapest families; ``None`` if only one was found
+    nearest_distance: float | None  # from p to the nearest training sample of the optimal family; ``None`` if none
     final_error: float  # ‖state error‖ when the plan is evaluated, or where the episode left the box
     predicted_error: float | None  # the same at the last knot of the plan; ``None`` where the plan is not finite
     left_box: bool  # whether the episode left the operating box

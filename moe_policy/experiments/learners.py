@@ -29,8 +29,7 @@ class CurvePoint(Record):
     score: float  # by which the best actor is chosen; lower is better
     cost_ratio: float | Absent | None = ABSENT  # Σ cost / Σ optimal cost over the successes; ``None`` without any
     mean_return: float | Absent | None = ABSENT  # mean undiscounted return
-    #: mean of the maximum violation of the path constraints; ``None`` without any
-    violation: float | Absent | None = ABSENT
+    violation: float | Absent | None = ABSENT  # mean of the maximum violation of path constraints; ``None`` without
     final_error: float | Absent | None = ABSENT  # median of ‖x − goal‖ at the evaluation time
 
 

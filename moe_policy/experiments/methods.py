@@ -48,8 +48,7 @@ class Method:
     name: str  # in tables; one of the shipped names, such as ``"moe-custom"``
     actor: Planner | Policy  # a planner (called with p) or a policy (with ``predict``)
     data: str | None = None  # what it learnt from, in words; ``None`` where nothing was learnt
-    #: duration of the training without the generation of data; ``None`` where nothing was learnt
-    seconds: float | None = None
+    seconds: float | None = None  # of the training without that of data; ``None`` where nothing was learnt
 
     @property
     def planner(self) -> Planner | None:

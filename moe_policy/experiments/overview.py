@@ -25,8 +25,7 @@ class OverviewRow(Record):
 
     env_id: str  # id of the problem; empty but in its first row
     measure: str  # what is shown
-    #: text by the title of the methods' column; methods that the problem lacks are missing
-    cells: dict[str, str | None] = inline()
+    cells: dict[str, str | None] = inline()  # text by the title of the column; methods that are lacking have none
 
 
 @dataclass(frozen=True, kw_only=True)

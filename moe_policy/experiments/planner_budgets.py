@@ -65,8 +65,7 @@ class PlannerBudget(Record):
     training_seconds: tuple[float, ...]  # wall time of the training, one a seed
     states_of_solutions: int  # solves × N
     states_of_iterations: int  # iterations × N
-    #: wall time of the generation and median of the training; ``None`` where that of the generation is unknown
-    seconds: float | None
+    seconds: float | None  # wall time of the generation and median of the training; ``None`` if one is unknown
 
     @classmethod
     def of(
@@ -114,8 +113,7 @@ class PlannerRow(Record):
     samples: int  # instances on which it was trained
     budget: PlannerBudget | None  # what that took; ``None`` without a record of the generation
     validation_success: Spread  # fraction of successes
-    #: mean of the maximum violation of the path constraints, metres; ``None`` without any
-    validation_violation: Spread | None
+    validation_violation: Spread | None  # mean of the maximum violation of path constraints, metres, if any
 
     @classmethod
     def of(cls, row: TrainingRow, cases: int, budget: PlannerBudget | None) -> Self:

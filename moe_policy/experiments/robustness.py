@@ -32,11 +32,9 @@ class PlantRow(Record):
     name: str  # of the method
     reached: Proportion  # episodes that entered the goal ball
     success: Proportion  # episodes in the goal ball at the evaluation time
-    #: the same at the plan's end, before terminal regulation; ``None`` without a plan
-    success_at_plan_end: Proportion | None
+    success_at_plan_end: Proportion | None  # the same at the plan's end, before regulation; ``None`` without a plan
     left_box: int  # episodes that left the operating box
-    #: mean of the maximum violation of the path constraints on the path, metres; ``None`` without any
-    violation_mean: float | None
+    violation_mean: float | None  # mean of the maximum violation on the path, metres; ``None`` without constraints
     knot_violation_mean: float | None  # the same at the plan's knots; ``None`` without plan or constraints
 
     @classmethod

@@ -30,10 +30,8 @@ class Training(Record):
     training_seconds: float  # duration
     peak_memory_gb: float | Absent | None = ABSENT  # of the process, 2³⁰ bytes; ``None`` where it was not measured
     gate_accuracy: float | Absent | None = ABSENT  # of a mixture on the test split; ``None`` for a single network
-    #: loss on the test split of each expert, or of the single network
-    part_test_errors: tuple[float, ...] | Absent = ABSENT
-    #: number of samples in each cluster; ``None`` for a single network
-    cluster_sizes: tuple[int, ...] | Absent | None = ABSENT
+    part_test_errors: tuple[float, ...] | Absent = ABSENT  # test loss of each expert, or of the single network
+    cluster_sizes: tuple[int, ...] | Absent | None = ABSENT  # samples in each cluster; ``None`` for a single network
 
     @classmethod
     def of(cls, planner: NetworkPlanner) -> Training:

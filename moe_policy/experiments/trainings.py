@@ -54,8 +54,7 @@ class Run:
     seed: int  # of the training
     samples: int  # number of training instances
     settings: TrainingSettings  # of the training
-    #: widths of the hidden layers of a single network; ``None`` for those of the recipe
-    hidden: tuple[int, ...] | None = None
+    hidden: tuple[int, ...] | None = None  # hidden layers of a single network; ``None`` for those of the recipe
 
     def key(self, data: str) -> str:
         """Name of its files; ``data`` is the key of the training database."""
