@@ -13,7 +13,7 @@ import numpy as np
 
 import moe_policy
 from moe_policy.experiments import cli
-from moe_policy.experiments.speed.rollouts import DT, Batched, RolloutSpeed, batched, one_by_one
+from moe_policy.experiments.speed.environments import DT, Batched, RolloutSpeed, batched, one_by_one
 from ocp_envs.support.provenance import provenance
 
 

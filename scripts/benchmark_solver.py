@@ -16,10 +16,10 @@ import time
 from functools import partial
 
 from moe_policy.experiments import cli
-from moe_policy.experiments.speed.opti import PlainOpti
 from moe_policy.experiments.speed.solver import (
     KINDS,
     ON_ONE_CORE,
+    PlainOpti,
     Solve,
     SolverSpeed,
     all_guesses,

@@ -29,7 +29,7 @@ from moe_policy import store
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.figures.robustness import robustness_figure
+from moe_policy.experiments.figures.generalisation import robustness_figure
 from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
 from moe_policy.experiments.records import read, write
 from moe_policy.experiments.robustness import LevelRow, Plant, Robustness, plant_key, run_plant

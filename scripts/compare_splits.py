@@ -18,7 +18,7 @@ import numpy as np
 from moe_policy.experiments import cli
 from moe_policy.experiments.comparison import run
 from moe_policy.experiments.distances import DistanceCurves
-from moe_policy.experiments.figures.splits import splits_figure
+from moe_policy.experiments.figures.generalisation import splits_figure
 from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
 from moe_policy.experiments.splits import (
     BINNED,

@@ -259,13 +259,6 @@ def test_arguments_that_do_not_fit_are_refused(tmp_path):
             function(path, fewer, labels)
         with pytest.raises(ValueError, match="at least 1, got 0"):
             function(path, samples, labels, shown=0)
-    with pytest.raises(ValueError, match=r"one trajectory, got \{'optimal': 4\}"):
-        plane.interpolation_figure(path, samples.trajectory, samples, {}, VEHICLE)
-    plans = {str(i): samples.trajectory[0] for i in range(5)}
-    with pytest.raises(ValueError, match="at most 4 predictions"):
-        plane.interpolation_figure(path, samples.trajectory[0], samples, plans, VEHICLE)
-    with pytest.raises(ValueError, match=r"snn: expected two errors \(B,\), got \(3,\) and \(4,\)"):
-        error_histograms_figure(path, {"snn": (np.ones(3), np.ones(4))}, 0.1)
     with pytest.raises(ValueError, match="finite"):
         error_histograms_figure(path, {"snn": (np.full(3, np.nan), np.full(3, np.inf))}, 0.1)
     assert not path.exists()

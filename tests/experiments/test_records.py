@@ -22,9 +22,8 @@ from moe_policy.experiments.quality import Quality
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from moe_policy.experiments.robustness import Robustness
 from moe_policy.experiments.seeds import TrainingComparison
-from moe_policy.experiments.speed.environments import EnvironmentSpeed
+from moe_policy.experiments.speed.environments import EnvironmentSpeed, RolloutSpeed
 from moe_policy.experiments.speed.generation import GenerationSpeed
-from moe_policy.experiments.speed.rollouts import RolloutSpeed
 from moe_policy.experiments.speed.solver import SolverSpeed
 from moe_policy.experiments.splits import SplitComparison
 from ocp_envs.support.provenance import Provenance, provenance, write_json

@@ -13,7 +13,7 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import run
-from moe_policy.experiments.figures import robustness as figures
+from moe_policy.experiments.figures import generalisation as figures
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import read
 from moe_policy.experiments.robustness import LevelRow, PlantRow, Robustness, plant_key, run_plant

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from moe_policy.experiments.distances import DistanceCurves
-from moe_policy.experiments.figures import splits as figures
+from moe_policy.experiments.figures import generalisation as figures
 from moe_policy.experiments.splits import SplitComparison, SplitMethod
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE

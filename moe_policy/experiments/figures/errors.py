@@ -68,9 +68,6 @@ def error_histograms_figure(
 
 def _edges(errors: Mapping[str, tuple[Array, Array]], radius: float, bins: int) -> Array:
     """Logarithmic bins that contain all finite errors and the ``radius``."""
-    for name, (predicted, tracked) in errors.items():
-        if np.ndim(predicted) != 1 or np.shape(predicted) != np.shape(tracked):
-            raise ValueError(f"{name}: expected two errors (B,), got {np.shape(predicted)} and {np.shape(tracked)}")
     values = np.concatenate([np.asarray(p, np.float64) for pair in errors.values() for p in pair] or [np.empty(0)])
     values = np.maximum(values[np.isfinite(values)], _SMALLEST_ERROR)
     if not len(values):

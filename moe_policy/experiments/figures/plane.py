@@ -121,11 +121,6 @@ def interpolation_figure(
     Neighbours are coloured by their solution family, predictions dashed; all plans are batches of one. The right panel
     shows the coordinate that distinguishes the windings.
     """
-    plans = {"optimal": optimal, **predictions}
-    if wrong := {name: len(plan) for name, plan in plans.items() if len(plan) != 1}:
-        raise ValueError(f"expected batches of one trajectory, got {wrong}")
-    if len(plans) > 1 + len(_PLAN_COLORS):
-        raise ValueError(f"expected at most {len(_PLAN_COLORS)} predictions, got {list(predictions)}")
     plane_path(problem, problem.goal.state[None])
     index = winding_coordinate(problem)
 

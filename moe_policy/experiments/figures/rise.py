@@ -106,24 +106,19 @@ def rise_figure(
     parameters: ArrayLike,
     optimal: Trajectory,
     plans: Mapping[str, Trajectory],
-    labels_of_lines: Sequence[str] | None = None,
 ) -> Path:
     """Plans along a path of parameters (K, np), in colour from first to last: a panel for the optimum and each planner.
 
     All parameters have one sphere. Titles give the largest violation at the knots; a black line in the scale of colours
-    marks where the optimum changes sides. Next to the colours are the ``labels_of_lines``, by default the values of the
+    marks where the optimum changes sides. Next to the colours are the values of the
     parameter that changes most.
     """
     p, every = problem.check_parameters(parameters, extrapolate=True), {"optimal": optimal, **plans}
-    if wrong := {name: len(batch) for name, batch in every.items() if len(batch) != len(p)}:
-        raise ValueError(f"expected {len(p)} trajectories, one for each parameter, got {wrong}")
     worst = {name: plan_violations(problem, p, batch).max() for name, batch in every.items()}
     change, contexts, varied = find_discontinuity(optimal), problem.start(p)[1], int(np.ptp(p, axis=0).argmax())
     if np.ptp(contexts, axis=0).any():
         raise ValueError(f"expected one ({', '.join(problem.context.names)}) for all parameters, got different ones")
-    texts = [f"{value:.3g}" for value in p[:, varied]] if labels_of_lines is None else list(labels_of_lines)
-    if len(texts) != len(p):
-        raise ValueError(f"expected a label for each of {len(p)} lines, got {len(texts)}")
+    texts = [f"{value:.3g}" for value in p[:, varied]]
     spheres = spheres_of(problem, contexts[0])
     picture = closeup(problem, Trajectory.concatenate(list(every.values())), spheres)
     size, bounds = grid(len(every), 4, 3.0, 3.2, right=0.9)
@@ -132,8 +127,7 @@ def rise_figure(
         figure.set_layout_engine("none")
         scale = figure.add_axes((1 - 0.72 / size[0], 0.2, 0.16 / size[0], 0.6))
         colors = _draw_scale(scale, texts, change)
-        if labels_of_lines is None:
-            scale.set_title(f"{problem.parameters.names[varied]}, {problem.parameters.coordinates[varied].unit}")
+        scale.set_title(f"{problem.parameters.names[varied]}, {problem.parameters.coordinates[varied].unit}")
         for place, (name, batch) in zip(bounds, every.items()):
             space = panel(figure, place, picture, f"{name}\nworst violation {worst[name]:.3f} m")
             space.show(spheres)
