@@ -25,9 +25,6 @@ from moe_policy.rollouts.intervals import Spread
 _MARKERS = "sDv^Po"
 
 
-# -- what is drawn -----------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, kw_only=True)
 class Metric:
     """A row of the figure."""
@@ -103,9 +100,6 @@ BUDGETS = (
         of_planner=lambda budget: None if budget.seconds is None else (budget.seconds, budget.seconds),
     ),
 )
-
-
-# -- the figure --------------------------------------------------------------------------------------------------------
 
 
 def budgets_figure(path: str | Path, record: Budgets) -> Path:

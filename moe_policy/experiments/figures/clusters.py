@@ -12,7 +12,6 @@ from moe_policy.experiments.figures.style import (
     INK,
     Axes,
     Figure,
-    check_labels,
     cluster_color,
     coordinate_text,
     label_state,
@@ -85,7 +84,6 @@ def clusters_figure(path: str | Path, samples: Samples, partitions: Mapping[str,
 
 def histories_figure(path: str | Path, samples: Samples, labels: Labels, shown: int = 40, seed: int = 0) -> Path:
     """Histories of at most ``shown`` samples a cluster: a row for each coordinate, a column for each cluster."""
-    check_labels(samples, labels, shown)
     problem, generator = samples.problem, np.random.default_rng(seed)
     chosen = [generator.permutation(np.flatnonzero(labels.values == i))[:shown] for i in range(labels.k)]
 

@@ -145,8 +145,10 @@ def _histograms(material: Material, path: Path) -> None:
     errors.error_histograms_figure(path, shown, material.problem.goal.radius)
 
 
-def _plane_samples(material: Material, path: Path) -> Sizes:
-    plane.samples_figure(path, material.training, material.clusters)
+def _samples(material: Material, path: Path) -> Sizes:
+    picture = material.problem.picture
+    module = space if picture is not None and picture.dimensions == 3 else plane
+    module.samples_figure(path, material.training, material.clusters)
     return Sizes(sizes=tuple(map(int, material.clusters.sizes)))
 
 
@@ -164,11 +166,6 @@ def _interpolation(material: Material, path: Path) -> Case:
     optimal = validation.trajectory[chosen]
     plane.interpolation_figure(path, optimal, training[around], plans, material.problem)
     return Case(parameters=tuple(p.tolist()))
-
-
-def _space_samples(material: Material, path: Path) -> Sizes:
-    space.samples_figure(path, material.training, material.clusters)
-    return Sizes(sizes=tuple(map(int, material.clusters.sizes)))
 
 
 def _violations(material: Material, path: Path) -> MeanViolations:
@@ -218,13 +215,13 @@ _BOX = {
     "clusters": Drawing(_clusters, "clusters over the parameter box", 4),
 }
 _PLANE = {
-    "samples": Drawing(_plane_samples, "optimal trajectories by cluster", 5),
+    "samples": Drawing(_samples, "optimal trajectories by cluster", 5),
     "interpolation": Drawing(_interpolation, "a state where the single network averages over families", 5),
     "histories": Drawing(_histories, "state histories by cluster", 6),
     "errors": Drawing(_histograms, "predicted and tracked final errors", 7),
 }
 _SPACE = {
-    "samples": Drawing(_space_samples, "optimal trajectories by cluster", 9),
+    "samples": Drawing(_samples, "optimal trajectories by cluster", 9),
     "errors": Drawing(_histograms, "predicted and tracked final errors"),
 }
 _AROUND = Drawing(_around, "optimal paths of neighbouring instances", 8)

@@ -16,7 +16,6 @@ from moe_policy.experiments.figures.style import (
     INK,
     Axes,
     Figure,
-    check_labels,
     cluster_color,
     coordinate_text,
     label_state,
@@ -52,7 +51,6 @@ def finish_plane(axes: Axes, problem: OptimalControlProblem) -> None:
 
 def samples_figure(path: str | Path, samples: Samples, labels: Labels, shown: int = 150, seed: int = 0) -> Path:
     """Paths in the plane of at most ``shown`` samples, coloured by cluster; dots are initial positions."""
-    check_labels(samples, labels, shown)
     problem = samples.problem
     plane_path(problem, problem.goal.state[None])
     rows = np.random.default_rng(seed).permutation(len(labels))[:shown]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from moe_policy.experiments.figures.style import INK, Figure, check_labels, cluster_color, save_figure
+from moe_policy.experiments.figures.style import INK, Figure, cluster_color, save_figure
 from moe_policy.learning.clustering import Labels
 from moe_policy.planners.nearest import NearestPlanner
 from ocp_envs.data.samples import Samples
@@ -122,7 +122,6 @@ def samples_figure(path: str | Path, samples: Samples, labels: Labels, shown: in
     """
     problem, generator = samples.problem, np.random.default_rng(seed)
     picture = picture_of(problem)
-    check_labels(samples, labels, shown)
     chosen = [generator.permutation(np.flatnonzero(labels.values == i))[:shown] for i in range(labels.k)]
     size, bounds = grid(labels.k, 5, 2.2, 2.35, right=0.1)
 
@@ -141,7 +140,6 @@ def around_figure(path: str | Path, samples: Samples, labels: Labels, parameters
     """Optimal paths, by cluster, of ``count`` samples nearest to ``parameters`` (np,), around the sphere of that p."""
     problem = samples.problem
     picture_of(problem)
-    check_labels(samples, labels)
     p = problem.check_parameters(parameters, extrapolate=True)
     if len(p) != 1:
         raise ValueError(f"expected one parameter ({len(problem.parameters)},), got {np.shape(parameters)}")

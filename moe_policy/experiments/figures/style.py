@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from moe_policy.learning.clustering import Labels
-from ocp_envs.data.samples import Samples
 from ocp_envs.support.files import replacing
 from ocp_envs.system import Coordinate
 
@@ -116,11 +114,3 @@ def label_state(axes: Axes, coordinate: Coordinate) -> None:
         short = {-1: "−π", 0: "0", 1: "π"}
         names = [short.get(int(count), coordinate_text(f"{count:.0f} pi")) for count in multiples]
         axes.set_yticks(multiples * np.pi, names)
-
-
-def check_labels(samples: Samples, labels: Labels, shown: int = 1) -> None:
-    """Raise a ``ValueError`` unless there is one label for each sample and at least one is shown."""
-    if len(labels) != len(samples.parameters):
-        raise ValueError(f"expected a label for each of {len(samples.parameters)} samples, got {len(labels)}")
-    if shown < 1:
-        raise ValueError(f"shown must be at least 1, got {shown}")
