@@ -69,11 +69,7 @@ class PlannerBudget(Record):
 
     @classmethod
     def of(
-        cls,
-        problem: OptimalControlProblem,
-        effort: GenerationEffort,
-        samples: int,
-        training_seconds: Sequence[float],
+        cls, problem: OptimalControlProblem, effort: GenerationEffort, samples: int, training_seconds: Sequence[float]
     ) -> Self:
         """The budget of a planner trained on ``samples`` instances of the set that took ``effort``, one time a seed.
 
@@ -115,18 +111,6 @@ class PlannerRow(Record):
     validation_success: Spread  # fraction of successes
     validation_violation: Spread | None  # mean of the maximum violation of path constraints, metres, if any
 
-    @classmethod
-    def of(cls, row: TrainingRow, cases: int, budget: PlannerBudget | None) -> Self:
-        """The row of the trained planners ``row`` with their ``budget``; ``cases`` counts the validation set."""
-        violation = [value for value in present(row.violation) or () if value is not None]
-        return cls(
-            name=row.name,
-            samples=row.samples,
-            budget=budget,
-            validation_success=Spread.of((count / cases for count in row.success), (0, 1)),
-            validation_violation=Spread.of(violation) if violation else None,
-        )
-
 
 def planner_rows(
     problem: OptimalControlProblem,
@@ -144,5 +128,12 @@ def planner_rows(
         if row.name not in names or (names.index(row.name), row.samples) in rows:
             continue
         budget = None if effort is None else PlannerBudget.of(problem, effort, row.samples, row.training_seconds)
-        rows[names.index(row.name), row.samples] = PlannerRow.of(row, cases, budget)
+        violation = [value for value in present(row.violation) or () if value is not None]
+        rows[names.index(row.name), row.samples] = PlannerRow(
+            name=row.name,
+            samples=row.samples,
+            budget=budget,
+            validation_success=Spread.of((count / cases for count in row.success), (0, 1)),
+            validation_violation=Spread.of(violation) if violation else None,
+        )
     return tuple(rows[key] for key in sorted(rows))
