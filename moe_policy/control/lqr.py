@@ -49,21 +49,17 @@ class Regulator:
     def __init__(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> None:
         weights = weights or TrackingWeights.default(problem)
         nx, nu = problem.system.nx, problem.system.nu
-        terminal = weights.terminal
         if not (math.isfinite(dt) and dt > 0):
             raise ValueError(f"{problem.id}: dt must be a positive number of seconds, got {dt}")
-        if weights.state.shape != (nx,) or weights.control.shape != (nu,):
-            raise ValueError(
-                f"{problem.id}: expected state weights ({nx},) and control weights ({nu},), "
-                f"got {weights.state.shape} and {weights.control.shape}"
-            )
-        if terminal is not None and terminal.shape != (nx, nx):
-            raise ValueError(f"{problem.id}: expected a terminal weight ({nx}, {nx}), got {terminal.shape}")
+        for name, shape in (("state", (nx,)), ("control", (nu,)), ("terminal", (nx, nx))):
+            value = getattr(weights, name)
+            if value is not None and value.shape != shape:
+                raise ValueError(f"{problem.id}: expected {name} weights of shape {shape}, got {value.shape}")
         self.problem, self.dt, self.weights = problem, float(dt), weights
         # The substeps of the simulator, so that the discrete step linearised is the one it takes.
         self._linearise = problem.batch_linearisation(max(1, int(count_steps(dt, problem.longest_substep))))
         self.hold, self.hold_norm, end = self._at_goal()
-        self.terminal: Array = end if terminal is None else terminal
+        self.terminal: Array = end if weights.terminal is None else weights.terminal
 
     def _at_goal(self) -> tuple[Array, Array, Array]:
         """Gain, H and cost-to-go at the goal (0, I, 10 Q where it cannot be held) for the centre of the contexts."""
@@ -77,31 +73,19 @@ class Regulator:
         return np.asarray(gain), np.asarray(r + b[0].T @ cost_to_go @ b[0]), np.asarray(cost_to_go)
 
     def linearise(self, states: Array, controls: Array, contexts: Array) -> tuple[Array, Array]:
-        """Derivatives of the step of ``dt`` seconds.
+        """Derivatives A (B, nx, nx) and B (B, nx, nu) of the step of ``dt`` seconds.
 
-        Args:
-            states: (B, nx).
-            controls: (B, nu).
-            contexts: (B, nc).
-
-        Returns:
-            A (B, nx, nx) and B (B, nx, nu).
+        They are taken at ``states`` (B, nx), ``controls`` (B, nu) and ``contexts`` (B, nc).
         """
         size, nx, nu = len(states), self.problem.system.nx, self.problem.system.nu
         a, b = self._linearise(states, controls, contexts, np.full((size, 1), self.dt))
         return np.ascontiguousarray(a).reshape(size, nx, nx), np.ascontiguousarray(b).reshape(size, nx, nu)
 
     def along(self, states: Array, controls: Array, contexts: Array, steps: Ints) -> tuple[Array, Array]:
-        """Time-varying gains and norms along plans of different lengths.
+        """Gains K (B, T+1, nu, nx) and norms H (B, T+1, nu, nu) along plans of different lengths.
 
-        Args:
-            states: (B, T+1, nx), references at the control steps.
-            controls: (B, T, nu), feed-forward of each control step.
-            contexts: (B, nc).
-            steps: (B,), control steps of each plan, at most T.
-
-        Returns:
-            K (B, T+1, nu, nx) and H (B, T+1, nu, nu): from a plan's last control step on, those at the goal.
+        The plans have the references ``states`` (B, T+1, nx), the feed-forward ``controls`` (B, T, nu), ``contexts``
+        (B, nc) and ``steps`` (B,), at most T. From a plan's last control step on, K and H are those at the goal.
         """
         size, longest, nu = controls.shape
         nx = states.shape[2]

@@ -10,14 +10,7 @@ from ocp_envs.support.arrays import Array, Bools
 
 
 def split(problem: OptimalControlProblem, observation: ArrayLike) -> tuple[Array, Array]:
-    """States and contexts of observations.
-
-    Args:
-        problem: the problem of the environment.
-        observation: (B, nx + nc) or (nx + nc,).
-
-    Returns:
-        States (B, nx) and contexts (B, nc).
+    """States (B, nx) and contexts (B, nc) of an ``observation`` (B, nx + nc) or (nx + nc,) of ``problem``.
 
     Raises:
         ValueError: observations of another shape.
@@ -25,20 +18,12 @@ def split(problem: OptimalControlProblem, observation: ArrayLike) -> tuple[Array
     values = np.atleast_2d(np.asarray(observation, dtype=np.float64))
     nx, nc = problem.system.nx, len(problem.context)
     if values.ndim != 2 or values.shape[1] != nx + nc:
-        raise ValueError(
-            f"{problem.id}: expected observations (state, context) of shape (B, {nx + nc}) or ({nx + nc},), "
-            f"got {np.shape(observation)}"
-        )
+        raise ValueError(f"{problem.id}: expected observations (B, {nx + nc}), got {np.shape(observation)}")
     return values[:, :nx], values[:, nx:]
 
 
 def beginning(episode_start: ArrayLike | None, size: int) -> Bools:
-    """Mask (size,) of the rows in which an episode begins.
-
-    Args:
-        episode_start: (size,), one flag for all rows, or ``None`` where none begins.
-        size: number of rows B.
-    """
+    """Mask (``size``,) of the rows in which an episode begins; none does where ``episode_start`` is ``None``."""
     return np.zeros(size, bool) if episode_start is None else np.broadcast_to(np.asarray(episode_start, bool), size)
 
 

@@ -18,18 +18,11 @@ _SWEEPS, _SETTLED = 100, 1e-9
 
 
 def project(wanted: Array, norm: Array, box: Box) -> Array:
-    """The point of ``box`` nearest to each row of ``wanted``, in a norm of its own.
+    """The points (B, nu) of ``box`` nearest to the controls ``wanted`` (B, nu), each in the ``norm`` of its row.
 
-    Coordinate descent: each control in turn takes the best value given the others, which converges for a box and a
-    positive definite norm (Tseng, *Convergence of a block coordinate descent method*, 2001).
-
-    Args:
-        wanted: unconstrained controls, (B, nu).
-        norm: H, (B, nu, nu), symmetric and positive definite.
-        box: of the controls.
-
-    Returns:
-        Controls (B, nu) in the box.
+    ``norm`` is H (B, nu, nu), symmetric and positive definite. Coordinate descent: each control in turn takes the best
+    value given the others, which converges for a box and a positive definite norm (Tseng, *Convergence of a block
+    coordinate descent method*, 2001).
     """
     nearest = np.clip(wanted, box.lower, box.upper)
     rows = np.flatnonzero((nearest != wanted).any(axis=1))

@@ -46,14 +46,7 @@ class Resampled(Batch):
 def mean_controls(plan: Trajectory, dt: float, steps: int, after: Array) -> Array:
     """Time averages of the plans' controls over the first ``steps`` control steps of ``dt`` seconds.
 
-    Args:
-        plan: B plans.
-        dt: control period, seconds.
-        steps: number of control steps.
-        after: control past the end of a plan, (nu,).
-
-    Returns:
-        (B, steps, nu).
+    They are (B, steps, nu) for B plans in ``plan``; past the end of a plan its control is ``after`` (nu,).
     """
     step = plan.step[:, None]
     integral = np.concatenate(
@@ -69,16 +62,9 @@ def mean_controls(plan: Trajectory, dt: float, steps: int, after: Array) -> Arra
 
 
 def states_at(rate: BatchFunction, plan: Trajectory, contexts: Array, times: Array) -> Array:
-    """States of the plans at ``times``, by cubic Hermite interpolation within each interval.
+    """States (B, T, nx) of the B plans in ``plan`` at ``times`` (B, T) or (T,), seconds, clipped to [0, t_f].
 
-    Args:
-        rate: :meth:`OptimalControlProblem.batch_rate` of the problem.
-        plan: B plans.
-        contexts: (B, nc).
-        times: (B, T) or (T,), seconds; times outside [0, t_f] are clipped.
-
-    Returns:
-        (B, T, nx).
+    The slopes are those of ``rate``, a :meth:`OptimalControlProblem.batch_rate`, in ``contexts`` (B, nc).
     """
     size, intervals, nu = plan.controls.shape
     nx = plan.states.shape[2]
@@ -104,25 +90,14 @@ def states_at(rate: BatchFunction, plan: Trajectory, contexts: Array, times: Arr
 
 
 class Resampler:
-    """Resamples plans of ``problem`` at control steps of ``dt`` seconds.
-
-    Args:
-        problem: the problem the plans belong to.
-        dt: control period, seconds.
-    """
+    """Resamples plans of ``problem`` at control steps of ``dt`` seconds."""
 
     def __init__(self, problem: OptimalControlProblem, dt: float) -> None:
-        self.problem = problem
-        self.dt = dt
+        self.problem, self.dt = problem, dt
         self._rate = problem.batch_rate()
 
     def __call__(self, plan: Trajectory, contexts: Array) -> Resampled:
-        """The plans at the control steps.
-
-        Args:
-            plan: B plans with finite values and positive durations.
-            contexts: (B, nc).
-        """
+        """The B plans in ``plan``, finite and of positive durations, in ``contexts`` (B, nc), at the control steps."""
         steps = count_steps(plan.duration, self.dt)
         longest = int(steps.max(initial=1))
         times = self.dt * np.arange(longest + 1, dtype=np.float64)

@@ -29,8 +29,7 @@ class Stabiliser:
     def __init__(
         self, problem: OptimalControlProblem, dt: float = 0.02, weights: TrackingWeights | None = None
     ) -> None:
-        self.problem = problem
-        self.regulator = Regulator(problem, dt, weights)
+        self.problem, self.regulator = problem, Regulator(problem, dt, weights)
         self.dt = self.regulator.dt
 
     def controls(self, states: Array) -> Array:
@@ -47,28 +46,12 @@ class Stabiliser:
         episode_start: ArrayLike | None = None,
         deterministic: bool = True,
     ) -> tuple[Array, None]:
-        """Controls of one control step, as in Stable-Baselines3.
-
-        Args:
-            observation: states and contexts, (B, nx + nc) or (nx + nc,).
-            state: accepted for the protocol; there is no recurrent state.
-            episode_start: accepted for the protocol.
-            deterministic: accepted for the protocol.
-
-        Returns:
-            Controls (B, nu) or (nu,), and ``None``.
-        """
         return shaped_as(observation, self.controls(split(self.problem, observation)[0])), None
 
 
 @dataclass(frozen=True, eq=False)
 class Entered:
-    """Recurrent state of :class:`Stabilised`.
-
-    Args:
-        inner: the recurrent state of the inner policy.
-        entered: rows that have entered the goal ball, (B,).
-    """
+    """Recurrent state of :class:`Stabilised`: that of the ``inner`` policy, and the rows (B,) that have ``entered``."""
 
     inner: Any
     entered: Bools
@@ -81,7 +64,7 @@ class Stabilised:
         policy: any policy that reads observations of this environment.
         problem: the problem of the environment.
         dt: control period of the environment, seconds.
-        weights: of the stabiliser; :meth:`TrackingWeights.default` where not given.
+        weights: see :class:`Stabiliser`.
     """
 
     def __init__(
@@ -102,17 +85,6 @@ class Stabilised:
         episode_start: ArrayLike | None = None,
         deterministic: bool = True,
     ) -> tuple[Array, Entered]:
-        """Controls of one control step, as in Stable-Baselines3.
-
-        Args:
-            observation: states and contexts, (B, nx + nc) or (nx + nc,).
-            state: what the last call returned; ``None`` at the beginning.
-            episode_start: rows in which an episode begins, (B,) or ``None``.
-            deterministic: passed on to the inner policy.
-
-        Returns:
-            Controls (B, nu) or (nu,), and the recurrent state.
-        """
         x, _ = split(self.problem, observation)
         before = np.zeros(len(x), bool) if state is None else state.entered & ~beginning(episode_start, len(x))
         entered = before | (self.problem.goal_error(x) < self.problem.goal.radius)

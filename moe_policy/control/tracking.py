@@ -53,13 +53,8 @@ class Tracking(Batch):
 
     def padded(self, length: int) -> Tracking:
         """This state with ``length`` control steps, the last one repeated."""
-        return replace(
-            self,
-            states=_padded(self.states, length),
-            controls=_padded(self.controls, length),
-            gains=_padded(self.gains, length),
-            norms=_padded(self.norms, length),
-        )
+        arrays = {name: getattr(self, name) for name in ("states", "controls", "gains", "norms")}
+        return replace(self, **{name: _padded(values, length) for name, values in arrays.items()})
 
     def restarted(self, rows: Bools, new: Tracking) -> Tracking:
         """This state with the ``rows`` of a mask (B,) taken from ``new``, whose batch is those rows."""
@@ -77,11 +72,12 @@ class TrackingPolicy:
 
     A plan is clipped to the boxes before it is tracked; a duration outside ``problem.duration`` is counted. A plan that
     is not finite, or has no finite gains, is rejected and counted: its row holds the goal from the initial state on.
-    Parameters outside their box raise no error, and no control is NaN unless the observation is.
+    Parameters outside their box raise no error, and no control is NaN unless the observation is. Without a recurrent
+    state, and where an episode starts, the parameters are read off the observation.
 
     Args:
         problem: the problem of the environment.
-        planner: parameters (B, np) → Trajectory.
+        planner: maps parameters (B, np) to plans.
         dt: control period of the environment, seconds.
         weights: tracking weights; :meth:`TrackingWeights.default` where not given.
     """
@@ -99,13 +95,7 @@ class TrackingPolicy:
         self._resample = Resampler(problem, self.dt)
 
     def start(self, parameters: ArrayLike) -> Tracking:
-        """Plan in float64 and prepare the tracking.
-
-        Args:
-            parameters: (B, np) or (np,).
-
-        Returns:
-            The recurrent state before the first control step.
+        """The recurrent state before the first control step, with plans for ``parameters`` (B, np) or (np,) in float64.
 
         Raises:
             ValueError: parameters of another shape, or plans of another problem's.
@@ -117,14 +107,7 @@ class TrackingPolicy:
         return self.follow(self.planner(p), self.problem.start(p)[1])
 
     def follow(self, plan: Trajectory, contexts: Array) -> Tracking:
-        """Prepare the tracking of plans.
-
-        Args:
-            plan: B plans.
-            contexts: (B, nc).
-
-        Returns:
-            The recurrent state before the first control step.
+        """The recurrent state before the first control step of the B plans in ``plan``, in ``contexts`` (B, nc).
 
         Raises:
             ValueError: another number of plans, or plans of another problem's shape.
@@ -155,9 +138,9 @@ class TrackingPolicy:
         expected = (size, self.problem.system.nx, self.problem.system.nu)
         got = (len(plan), plan.states.shape[2], plan.controls.shape[2])
         if got != expected:
+            wanted = f"{expected[0]} plans of {expected[1]} states and {expected[2]} controls"
             raise ValueError(
-                f"{self.problem.id}: the planner must return {expected[0]} plans of {expected[1]} states and "
-                f"{expected[2]} controls, got {got[0]} of {got[1]} and {got[2]}"
+                f"{self.problem.id}: the planner must return {wanted}, got {got[0]} of {got[1]} and {got[2]}"
             )
 
     def _into_boxes(self, plan: Trajectory, rejected: Bools) -> Trajectory:
@@ -184,20 +167,6 @@ class TrackingPolicy:
         episode_start: ArrayLike | None = None,
         deterministic: bool = True,
     ) -> tuple[Array, Tracking]:
-        """Controls of one control step, as in Stable-Baselines3.
-
-        Args:
-            observation: states and contexts, (B, nx + nc) or (nx + nc,).
-            state: what the last call returned, or :meth:`start`; ``None``: an episode begins in all rows.
-            episode_start: rows to plan again, from the parameters read off the observation; (B,) or ``None``.
-            deterministic: accepted for the protocol; a plan is deterministic.
-
-        Returns:
-            Controls (B, nu) or (nu,) in float64, and the recurrent state.
-
-        Raises:
-            ValueError: observations of another shape, or of another number of episodes than ``state``.
-        """
         x, contexts = split(self.problem, observation)
         fresh = beginning(episode_start, len(x))
         if state is None:

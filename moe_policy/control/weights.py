@@ -40,10 +40,9 @@ class TrackingWeights:
     authority: float = 1.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "state", frozen_array(self.state))
-        object.__setattr__(self, "control", frozen_array(self.control))
-        if self.terminal is not None:
-            object.__setattr__(self, "terminal", frozen_array(self.terminal))
+        for name in ("state", "control", "terminal"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen_array(value))
         if not (np.isfinite(self.state).all() and (self.state >= 0).all()):
             raise ValueError(f"state weights must be finite and not negative, got {self.state}")
         if not (np.isfinite(self.control).all() and (self.control > 0).all()):
@@ -60,14 +59,9 @@ class TrackingWeights:
         terminal: float | None = None,
         authority: float = 1.0,
     ) -> TrackingWeights:
-        """Multiples of the identity in SI units.
+        """Multiples of the identity for ``problem``, in SI units: ``state`` · I, ``control`` · I, ``terminal`` · I.
 
-        Args:
-            problem: the problem.
-            state: Q = ``state`` · I.
-            control: R = ``control`` · I.
-            terminal: factor of the identity, or ``None`` for the default of the class.
-            authority: see the class.
+        Without a factor ``terminal`` that weight is the default of the class, which also explains ``authority``.
         """
         nx, nu = problem.system.nx, problem.system.nu
         end = None if terminal is None else terminal * np.eye(nx)
