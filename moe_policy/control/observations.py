@@ -10,11 +10,7 @@ from ocp_envs.support.arrays import Array, Bools
 
 
 def split(problem: OptimalControlProblem, observation: ArrayLike) -> tuple[Array, Array]:
-    """States (B, nx) and contexts (B, nc) of an ``observation`` (B, nx + nc) or (nx + nc,) of ``problem``.
-
-    Raises:
-        ValueError: observations of another shape.
-    """
+    """States (B, nx) and contexts (B, nc) of an ``observation`` (B, nx + nc) or (nx + nc,) of ``problem``."""
     values = np.atleast_2d(np.asarray(observation, dtype=np.float64))
     nx, nc = problem.system.nx, len(problem.context)
     if values.ndim != 2 or values.shape[1] != nx + nc:

@@ -30,12 +30,10 @@ from ocp_envs.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Resampled(Batch):
-    """A batch of plans at the control steps, padded to the longest with the goal.
+    """A batch of plans of ``steps`` (B,) control steps, at least 1, padded to the longest, T.
 
-    Args:
-        states: (B, T+1, nx), x at the control steps 0 … T; from a plan's end on, its final state.
-        controls: (B, T, nu), mean control of each control step; from a plan's end on, the goal's control.
-        steps: (B,) number of control steps of each plan, at least 1.
+    ``states`` (B, T+1, nx) are those at the control steps 0 … T, from a plan's end on its final state; ``controls``
+    (B, T, nu) are the means over the control steps, from a plan's end on the goal's control.
     """
 
     states: Array

@@ -53,8 +53,10 @@ class Tracking(Batch):
 
     def padded(self, length: int) -> Tracking:
         """This state with ``length`` control steps, the last one repeated."""
-        arrays = {name: getattr(self, name) for name in ("states", "controls", "gains", "norms")}
-        return replace(self, **{name: _padded(values, length) for name, values in arrays.items()})
+        states, controls, gains, norms = (
+            _padded(values, length) for values in (self.states, self.controls, self.gains, self.norms)
+        )
+        return replace(self, states=states, controls=controls, gains=gains, norms=norms)
 
     def restarted(self, rows: Bools, new: Tracking) -> Tracking:
         """This state with the ``rows`` of a mask (B,) taken from ``new``, whose batch is those rows."""
@@ -107,11 +109,7 @@ class TrackingPolicy:
         return self.follow(self.planner(p), self.problem.start(p)[1])
 
     def follow(self, plan: Trajectory, contexts: Array) -> Tracking:
-        """The recurrent state before the first control step of the B plans in ``plan``, in ``contexts`` (B, nc).
-
-        Raises:
-            ValueError: another number of plans, or plans of another problem's shape.
-        """
+        """The recurrent state before the first control step of the B plans in ``plan``, in ``contexts`` (B, nc)."""
         self._check(plan, len(contexts))
         problem, rejected = self.problem, ~plan.finite
         shortest, longest = problem.duration

@@ -20,6 +20,7 @@ import torch
 from numpy.typing import ArrayLike
 from torch import Tensor, nn
 
+from moe_policy.control.observations import beginning, shaped_as
 from moe_policy.model_files import ModelFile, write_model
 from moe_policy.rl.features import Actions, Features
 from ocp_envs.problem import OptimalControlProblem
@@ -32,10 +33,8 @@ SQUASHES: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "clip": nn.Hardtanh}
 class Actor(nn.Module):
     """The mean action of a policy: features (B, n) → actions (B, nu) in [-1, 1].
 
-    Args:
-        sizes: neurons of every layer, features first and actions last.
-        activation: of the hidden layers, ``"relu"`` or ``"tanh"``.
-        squash: what maps actions to [-1, 1], ``"tanh"`` or ``"clip"``.
+    ``sizes`` are the neurons of every layer, features first and actions last; ``activation`` is that of the hidden
+    layers, ``"relu"`` or ``"tanh"``; ``squash`` maps actions to [-1, 1], ``"tanh"`` or ``"clip"``.
 
     Raises:
         ValueError: fewer than two sizes, or an unknown activation or squash.
@@ -53,7 +52,6 @@ class Actor(nn.Module):
         self._hidden, self._last = ACTIVATIONS[activation](), SQUASHES[squash]()
 
     def forward(self, features: Tensor) -> Tensor:
-        """Actions (B, nu) of ``features`` (B, n)."""
         for layer in self.layers[:-1]:
             features = self._hidden(layer(features))
         return self._last(self.layers[-1](features))
@@ -69,12 +67,7 @@ class Actor(nn.Module):
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Recurrent state of :class:`LearnedPolicy`.
-
-    Args:
-        controls: the held controls, (B, nu).
-        steps_left: control steps for which they are still held, (B,).
-    """
+    """Recurrent state of :class:`LearnedPolicy`: ``controls`` (B, nu), held for ``steps_left`` (B,) control steps."""
 
     controls: Array
     steps_left: Ints
@@ -108,23 +101,17 @@ class LearnedPolicy:
         self._features, self._actions = Features(problem), Actions(problem)
         expected = (self._features.size, problem.system.nu)
         if (actor.sizes[0], actor.sizes[-1]) != expected:
-            raise ValueError(
-                f"{problem.id}: expected an actor from {expected[0]} features to {expected[1]} actions, "
-                f"got layers of {actor.sizes}"
-            )
+            wanted = f"from {expected[0]} features to {expected[1]} actions"
+            raise ValueError(f"{problem.id}: expected an actor {wanted}, got layers of {actor.sizes}")
         self._steps = _whole_steps(problem, period, dt)
         self.problem, self.actor, self.period, self.dt = problem, actor.eval(), float(period), float(dt)
         self.algorithm, self.details = algorithm, dict(details or {})
 
     @property
     def parameters_total(self) -> int:
-        """Number of weights of the actor."""
         return sum(p.numel() for p in self.actor.parameters())
 
-    @property
-    def parameters_active(self) -> int:
-        """Number of weights used in one decision: all."""
-        return self.parameters_total
+    parameters_active = parameters_total  # every decision uses all weights
 
     def at(self, dt: float) -> LearnedPolicy:
         """The same policy for environments with another control period ``dt``, seconds."""
@@ -145,32 +132,18 @@ class LearnedPolicy:
         episode_start: ArrayLike | None = None,
         deterministic: bool = True,
     ) -> tuple[Array, Held]:
-        """Controls of one control step.
-
-        Args:
-            observation: states and contexts, (B, nx + nc) or (nx + nc,).
-            state: what the last call returned; ``None``: all rows decide now.
-            episode_start: rows that decide now in any case, (B,) or ``None``.
-            deterministic: accepted for the protocol; the action is always the mean one.
-
-        Returns:
-            Controls (B, nu) or (nu,) in float64, and the recurrent state.
-        """
         batch = np.atleast_2d(np.asarray(observation))
         if state is None:
             state = Held(np.zeros((len(batch), self.problem.system.nu)), np.zeros(len(batch), np.int64))
         elif len(state.steps_left) != len(batch):
-            raise ValueError(
-                f"got {len(batch)} observations with the recurrent state of {len(state.steps_left)} episodes"
-            )
-        due = state.steps_left == 0
-        if episode_start is not None:
-            due = due | np.asarray(episode_start, bool)
+            known = len(state.steps_left)
+            raise ValueError(f"got {len(batch)} observations with the recurrent state of {known} episodes")
+        due = (state.steps_left == 0) | beginning(episode_start, len(batch))
         controls, steps_left = state.controls, np.where(due, self._steps, state.steps_left) - 1
         if due.any():
             controls = controls.copy()
             controls[due] = self.controls(batch[due])
-        return (controls[0].copy() if np.ndim(observation) == 1 else controls.copy()), Held(controls, steps_left)
+        return shaped_as(observation, controls).copy(), Held(controls, steps_left)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the files ``path`` + ``.safetensors`` and ``.json``; :func:`moe_policy.load_file` reads them."""
@@ -189,10 +162,8 @@ class LearnedPolicy:
 def _whole_steps(problem: OptimalControlProblem, period: float, dt: float) -> int:
     steps = period / dt if dt > 0 else math.nan
     if not (math.isfinite(steps) and round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-6)):
-        raise ValueError(
-            f"{problem.id}: the policy decides every {period} s, which is no multiple of the control period of "
-            f"{dt} s of the environment"
-        )
+        wrong = f"the policy decides every {period} s, which is no multiple of the control period of {dt} s"
+        raise ValueError(f"{problem.id}: {wrong}")
     return round(steps)
 
 

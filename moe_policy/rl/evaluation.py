@@ -41,31 +41,23 @@ class Performance:
             no optimal costs are known. Episodes end at the edge of the goal ball and optimal trajectories in its
             centre, so the ratio of an optimal policy may be slightly below 1.
         mean_return: mean over all episodes of the undiscounted return as the environment charges it: −∫L dt up to the
-            goal ball, up to the time limit where that is not entered, and the charge for leaving the box. ``None`` in
-            older records.
+            goal ball, up to the time limit where that is not entered, and the charge for leaving the box.
         violation: mean of the largest violation of the path constraints on the path; ``None`` without any.
-        final_error: median of ‖x − goal‖ at the evaluation time, or where the episode left the box; ``None`` in older
-            records.
+        final_error: median of ‖x − goal‖ at the evaluation time, or where the episode left the box.
     """
 
     success: int
     reached: int
     cost: float | None
     score: float
-    cost_ratio: float | None = None
-    mean_return: float | None = None
-    violation: float | None = None
-    final_error: float | None = None
+    cost_ratio: float | None
+    mean_return: float
+    violation: float | None
+    final_error: float
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, episodes: Episodes, optimal_costs: Array | None = None) -> Performance:
-        """The metrics of ``episodes``.
-
-        Args:
-            problem: the problem they ran on.
-            episodes: B of them.
-            optimal_costs: best known costs from their parameters, (B,).
-        """
+        """The metrics of ``episodes`` (B) on ``problem``, with the best known costs ``optimal_costs`` (B,)."""
         won, failure = episodes.success, largest_cost_rate(problem) * problem.time_limit
         ratio = None
         if optimal_costs is not None and won.any():
@@ -84,34 +76,18 @@ class Performance:
 
 @dataclass(frozen=True, kw_only=True)
 class Evaluation(Performance):
-    """The performance of the actor at one time of the training.
-
-    Args:
-        steps: decisions learnt from until then.
-        seconds: wall time of the training until then, earlier evaluations included.
-    """
+    """The performance of an actor that has learnt from ``steps`` decisions, in ``seconds`` that include evaluations."""
 
     steps: int
     seconds: float
 
     def better_than(self, other: Evaluation) -> bool:
         """Whether the score is lower than that of ``other``, or the return higher where the scores are equal."""
-        worst = float("-inf")
-        returns = [worst if e.mean_return is None else e.mean_return for e in (self, other)]
-        return (self.score, -returns[0]) < (other.score, -returns[1])
+        return (self.score, -self.mean_return) < (other.score, -other.mean_return)
 
 
 class Evaluator:
-    """Evaluates policies on development parameters.
-
-    Args:
-        problem: the problem.
-        development: parameters (B, np).
-        optimal_costs: the best known cost from each of them, (B,), or ``None``.
-
-    Raises:
-        ValueError: parameters outside their box, or optimal costs that are not B positive numbers.
-    """
+    """Evaluates policies for ``problem`` on the ``development`` parameters (B, np); ``optimal_costs`` are (B,)."""
 
     def __init__(
         self, problem: OptimalControlProblem, development: ArrayLike, optimal_costs: ArrayLike | None = None
@@ -122,11 +98,9 @@ class Evaluator:
         if optimal_costs is not None:
             self.optimal = np.asarray(optimal_costs, dtype=np.float64)
             if self.optimal.shape != (len(self.development),) or not np.all(self.optimal > 0):
-                raise ValueError(
-                    f"{problem.id}: expected one positive optimal cost for each of {len(self.development)} development "
-                    f"parameters, got {self.optimal.size} of shape {self.optimal.shape}, the smallest "
-                    f"{self.optimal.min(initial=np.inf):.3g}"
-                )
+                wanted = f"one positive optimal cost for each of {len(self.development)} development parameters"
+                got = f"shape {self.optimal.shape}, the smallest {self.optimal.min(initial=np.inf):.3g}"
+                raise ValueError(f"{problem.id}: expected {wanted}, got {got}")
         self._envs = environments(problem, len(self.development))
         self._began = time.perf_counter()
 

@@ -22,14 +22,7 @@ Float32 = NDArray[np.float32]
 
 
 class Features:
-    """φ: observations → features; whole turns of an angle make no difference.
-
-    Args:
-        problem: the problem whose observations these are.
-
-    Attributes:
-        space: Gymnasium's space of the features, of shape (n,).
-    """
+    """φ: observations of ``problem`` → features in Gymnasium's ``space`` (n,); whole turns make no difference."""
 
     def __init__(self, problem: OptimalControlProblem) -> None:
         self.problem = problem
@@ -53,15 +46,10 @@ class Features:
 
     @property
     def size(self) -> int:
-        """Number of features n."""
         return 2 * len(self._angles) + len(self._linear)
 
     def __call__(self, observation: ArrayLike) -> Float32:
-        """Features (..., n) of ``observation`` (..., nx + nc).
-
-        Raises:
-            ValueError: observations of another problem's size.
-        """
+        """Features (..., n) of ``observation`` (..., nx + nc)."""
         values = np.asarray(observation, dtype=np.float64)
         expected = self.problem.system.nx + len(self.problem.context)
         if values.shape[-1:] != (expected,):
@@ -73,14 +61,7 @@ class Features:
 
 
 class Actions:
-    """Actions in [-1, 1] ↔ controls in their box; actions outside are clipped.
-
-    Args:
-        problem: the problem whose controls these are.
-
-    Attributes:
-        space: Gymnasium's space of the actions, of shape (nu,).
-    """
+    """Actions in Gymnasium's ``space`` [-1, 1] ↔ controls of ``problem`` in their box; actions outside are clipped."""
 
     def __init__(self, problem: OptimalControlProblem) -> None:
         box = problem.system.control

@@ -42,9 +42,6 @@ class RLSettings(RewardShaping):
         near_starts: fraction of the training episodes with an initial state nearer to the goal than in the benchmark,
             see :class:`~moe_policy.rl.wrappers.VectorNearStarts`.
         seed: of everything random in the training.
-
-    Raises:
-        ValueError: a value out of its range, named.
     """
 
     algorithm: ClassVar[str]
@@ -69,17 +66,15 @@ class RLSettings(RewardShaping):
         if not 0 <= self.near_starts <= 1:
             raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
         if not 0 <= self.final_learning_rate <= self.learning_rate:
-            raise ValueError(
-                f"final_learning_rate must be between 0 and learning_rate = {self.learning_rate}, "
-                f"got {self.final_learning_rate}"
-            )
+            wanted = f"between 0 and learning_rate = {self.learning_rate}"
+            raise ValueError(f"final_learning_rate must be {wanted}, got {self.final_learning_rate}")
 
     def rate(self, remaining: float) -> float:
         """Learning rate when the fraction ``remaining`` of the steps is left."""
         return self.final_learning_rate + remaining * (self.learning_rate - self.final_learning_rate)
 
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
-        """An untrained learner of Stable-Baselines3 on ``env``."""
+        """An untrained learner of Stable-Baselines3 (TQC: of sb3-contrib, else an ``ImportError``) on ``env``."""
         raise NotImplementedError
 
     def actor(self, learner: Any) -> Actor:
@@ -110,7 +105,6 @@ class SACSettings(RLSettings):
     entropy: str | float = "auto_0.1"
 
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
-        """An untrained learner of Stable-Baselines3 on ``env``."""
         from stable_baselines3 import SAC
 
         return SAC("MlpPolicy", env, **self._arguments())
@@ -132,7 +126,6 @@ class SACSettings(RLSettings):
         }
 
     def actor(self, learner: Any) -> Actor:
-        """A copy of the actor of ``learner``, without its noise."""
         network = learner.policy.actor
         return Actor.of_layers([*_linear(network.latent_pi), network.mu], "relu", "tanh")
 
@@ -150,11 +143,6 @@ class TQCSettings(SACSettings):
     dropped: int = 2
 
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
-        """An untrained learner of sb3-contrib on ``env``.
-
-        Raises:
-            ImportError: it is not installed.
-        """
         try:
             from sb3_contrib import TQC
         except ImportError as error:
@@ -200,7 +188,6 @@ class PPOSettings(RLSettings):
     log_std: float = 0.0
 
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
-        """An untrained learner of Stable-Baselines3 on ``env``."""
         from stable_baselines3 import PPO
 
         learner = PPO(
@@ -225,7 +212,6 @@ class PPOSettings(RLSettings):
         return learner
 
     def actor(self, learner: Any) -> Actor:
-        """A copy of the actor of ``learner``, without its noise."""
         policy = learner.policy
         return Actor.of_layers([*_linear(policy.mlp_extractor.policy_net), policy.action_net], "tanh", "clip")
 

@@ -5,8 +5,7 @@ episodes that end in the goal ball. The reward is −∫L dt of a step, so the u
 planners minimise. The actor is evaluated at regular intervals (:mod:`moe_policy.rl.evaluation`) and the best one is
 kept.
 
-Only :func:`train` needs Stable-Baselines3. Its settings are in :mod:`moe_policy.rl.settings`; trained policies run with
-:mod:`moe_policy.rl.actor`.
+Only :func:`train` needs Stable-Baselines3; trained policies run without it (:mod:`moe_policy.rl.actor`).
 """
 
 from __future__ import annotations
@@ -38,69 +37,37 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class TrainingRun:
-    """A training up to an evaluation.
-
-    Args:
-        settings: of the learner.
-        policy: the best policy.
-        best: its evaluation.
-        curve: all evaluations.
-    """
+    """A training with ``settings`` up to an evaluation: the ``best`` in the ``curve`` of them, and its ``policy``."""
 
     settings: RLSettings
     policy: LearnedPolicy
     best: Evaluation
     curve: tuple[Evaluation, ...] = ()
 
-    def record(self) -> dict[str, object]:
-        """Settings and training curve as JSON."""
-        return {
-            "algorithm": self.settings.algorithm,
-            "settings": asdict(self.settings),
-            "steps": self.curve[-1].steps,
-            "seconds": self.curve[-1].seconds,
-            "best": asdict(self.best),
-            "curve": [asdict(evaluation) for evaluation in self.curve],
-        }
 
-
-def training_env(problem: OptimalControlProblem, settings: RLSettings, **arguments: Any) -> SB3VecEnv:
-    """``problem`` as the learner sees it: features, actions in [-1, 1], one decision a step.
-
-    Args:
-        problem: the problem.
-        settings: number of environments, seconds between two decisions, initial states and the shaping of rewards.
-        arguments: further arguments of :class:`ocp_envs.Env`.
-
-    Raises:
-        ImportError: Stable-Baselines3 is not installed.
-    """
+def training_env(problem: OptimalControlProblem, settings: RLSettings) -> SB3VecEnv:
+    """``problem`` as a learner with ``settings`` sees it: features, actions in [-1, 1], one decision a step."""
     try:
         from moe_policy.rl.vec_env import SB3VecEnv
     except ImportError as error:
         raise ImportError(f"training needs Stable-Baselines3: pip install 'ocp-moe[rl]' ({error})") from error
 
-    ending = {"terminate_at_goal": True} | arguments
-    envs: Environments = environments(problem, settings.n_envs, settings.period, **ending)
+    envs: Environments = environments(problem, settings.n_envs, settings.period, terminate_at_goal=True)
     if settings.near_starts:
         envs = VectorNearStarts(envs, settings.near_starts, settings.seed)
     return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(VectorShapedReward(envs, settings))))
 
 
+@dataclass(eq=False)
 class _Progress:
     """A training under way: it evaluates the learner when an evaluation is due, and keeps the best policy."""
 
-    def __init__(
-        self,
-        learner: BaseAlgorithm,
-        settings: RLSettings,
-        evaluator: Evaluator,
-        details: Mapping[str, object],
-        on_evaluation: Callable[[TrainingRun], None] | None,
-    ) -> None:
-        self.learner, self.settings, self.evaluator = learner, settings, evaluator
-        self.details, self.on_evaluation = details, on_evaluation
-        self.run: TrainingRun | None = None
+    learner: BaseAlgorithm
+    settings: RLSettings
+    evaluator: Evaluator
+    details: Mapping[str, object]
+    on_evaluation: Callable[[TrainingRun], None] | None
+    run: TrainingRun | None = None
 
     @property
     def evaluated(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import gymnasium as gym
@@ -21,13 +20,8 @@ class SB3VecEnv(VecEnv):
 
     A row whose episode ended restarts in the same step: its observation is the first of the new episode, and ``info``
     has ``terminal_observation`` and, as in every step, ``TimeLimit.truncated``. ``seed(s)`` seeds row i with s + i at
-    the next reset. Rows share one environment, so attributes can be read for some rows but are set for all.
-
-    Args:
-        envs: made with ``autoreset_mode="Disabled"``, so that an episode's last observation is seen; wrapped or not.
-
-    Raises:
-        ValueError: an environment that restarts by itself.
+    the next reset. Rows share one environment, so attributes can be read for some rows but are set for all. ``envs``,
+    wrapped or not, is made with ``autoreset_mode="Disabled"``, so that an episode's last observation is seen.
     """
 
     def __init__(self, envs: gym.vector.VectorEnv[Float32, Float32, Any]) -> None:
@@ -39,11 +33,9 @@ class SB3VecEnv(VecEnv):
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
         self.metadata = dict(envs.metadata)
 
-    # -- running ---------------------------------------------------------------------------------------------------
-
-    def _reset_options_of(self, rows: Iterable[int]) -> Info:
-        """The options given for ``rows``, joined: parameters are stacked, anything else must agree."""
-        given = [self._options[row] for row in rows]
+    def _joined_options(self) -> Info:
+        """The options given for the rows, joined: parameters are stacked, anything else must agree."""
+        given = self._options
         if not any(given):
             return {}
         if any(set(options) != set(given[0]) for options in given):
@@ -56,15 +48,13 @@ class SB3VecEnv(VecEnv):
     def reset(self) -> NDArray[np.float32]:
         """Start an episode in every row; first observations (num_envs, n). Seeds and options are used once."""
         seeds = None if all(seed is None for seed in self._seeds) else list(self._seeds)
-        options = self._reset_options_of(range(self.num_envs))
-        observations, info = self.envs.reset(seed=seeds, options=options)  # type: ignore[arg-type]
+        observations, info = self.envs.reset(seed=seeds, options=self._joined_options())  # type: ignore[arg-type]
         self.reset_infos = self._row_infos(info)
         self._reset_seeds()
         self._reset_options()
         return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Keep ``actions`` (num_envs, nu) for :meth:`step_wait`."""
         self._actions = actions
 
     def step_wait(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[Info]]:
@@ -87,23 +77,16 @@ class SB3VecEnv(VecEnv):
         """Gymnasium's dictionary of arrays and masks as one dictionary a row."""
         infos: list[Info] = [{} for _ in range(self.num_envs)]
         for key, values in info.items():
-            mask = info.get(f"_{key}")
-            if mask is None:
-                continue
-            for row in np.flatnonzero(mask):
+            for row in np.flatnonzero(info.get(f"_{key}", ())):
                 infos[row][key] = values[row]
         return infos
 
     def close(self) -> None:
-        """Close the environment."""
         self.envs.close()
 
     def get_images(self) -> list[NDArray[np.uint8] | None]:
-        """A frame for each row in mode ``"rgb_array"``."""
         frames = self.envs.render()
         return [None] * self.num_envs if frames is None else list(frames)  # type: ignore[arg-type]
-
-    # -- attributes ------------------------------------------------------------------------------------------------
 
     def _owner(self, name: str) -> Any:
         """The outermost of the wrappers and the environment that has the attribute ``name``."""
@@ -127,21 +110,12 @@ class SB3VecEnv(VecEnv):
             raise ValueError(f"{what}: the rows are one batched environment; leave indices at None")
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set the attribute ``attr_name`` to ``value``; the ``indices`` must be those of all rows."""
         self._all_rows("set_attr", indices)
         setattr(self.envs.unwrapped, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Call the method ``method_name`` once with the other arguments; its result for each row.
-
-        Args:
-            method_name: of a wrapper or of the environment.
-            method_args: positional arguments.
-            indices: those of all rows.
-            method_kwargs: keyword arguments.
-        """
         self._all_rows("env_method", indices)
         result = getattr(self._owner(method_name), method_name)(*method_args, **method_kwargs)
         return [result for _ in range(self.num_envs)]

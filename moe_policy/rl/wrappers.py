@@ -25,7 +25,6 @@ from ocp_envs.support.arrays import Array
 Environment = gym.Env[Float32, Array]
 #: What Gymnasium's environments tell besides observations and rewards.
 Info = dict[str, Any]
-Step = tuple[Float32, Array, Array, Array, Info]
 
 
 def _problem_of(env: Environment) -> OptimalControlProblem:
@@ -36,11 +35,7 @@ def _problem_of(env: Environment) -> OptimalControlProblem:
 
 
 class FeatureObservation(gym.ObservationWrapper[Float32, Array, Float32]):
-    """An environment observed through :class:`~moe_policy.rl.features.Features`.
-
-    Args:
-        env: an environment of :mod:`ocp_envs`, wrapped or not.
-    """
+    """``env`` of :mod:`ocp_envs`, wrapped or not, observed through :class:`~moe_policy.rl.features.Features`."""
 
     def __init__(self, env: Environment) -> None:
         super().__init__(env)
@@ -48,16 +43,11 @@ class FeatureObservation(gym.ObservationWrapper[Float32, Array, Float32]):
         self.observation_space = self._features.space
 
     def observation(self, observation: Float32) -> Float32:
-        """Features (n,) of an ``observation`` (nx + nc,)."""
         return self._features(observation)
 
 
 class NormalisedAction(gym.ActionWrapper[Float32, Float32, Array]):
-    """An environment with :class:`~moe_policy.rl.features.Actions` in [-1, 1].
-
-    Args:
-        env: an environment of :mod:`ocp_envs`, wrapped or not.
-    """
+    """``env`` of :mod:`ocp_envs`, wrapped or not, with :class:`~moe_policy.rl.features.Actions` in [-1, 1]."""
 
     def __init__(self, env: Environment) -> None:
         super().__init__(env)
@@ -65,16 +55,11 @@ class NormalisedAction(gym.ActionWrapper[Float32, Float32, Array]):
         self.action_space = self._actions.space
 
     def action(self, action: Float32) -> Array:
-        """The control (nu,) that an ``action`` (nu,) represents."""
         return self._actions.controls(action)
 
 
 class VectorFeatureObservation(VectorObservationWrapper[Float32, Array, Float32, Array]):
-    """:class:`FeatureObservation` for a vector environment, in Gymnasium's modes NEXT_STEP and DISABLED.
-
-    Args:
-        env: a vector environment of :mod:`ocp_envs`, wrapped or not.
-    """
+    """:class:`FeatureObservation` for a vector ``env``, in Gymnasium's modes NEXT_STEP and DISABLED."""
 
     def __init__(self, env: Environments) -> None:
         super().__init__(env)
@@ -83,16 +68,11 @@ class VectorFeatureObservation(VectorObservationWrapper[Float32, Array, Float32,
         self.observation_space = batch_space(self._features.space, env.num_envs)
 
     def observations(self, observations: Float32) -> Float32:
-        """Features (num_envs, n) of ``observations`` (num_envs, nx + nc)."""
         return self._features(observations)
 
 
 class VectorNormalisedAction(VectorActionWrapper[Float32, Float32, Array, Array]):
-    """:class:`NormalisedAction` for a vector environment.
-
-    Args:
-        env: a vector environment of :mod:`ocp_envs`, wrapped or not.
-    """
+    """:class:`NormalisedAction` for a vector ``env``."""
 
     def __init__(self, env: Environments) -> None:
         super().__init__(env)
@@ -101,7 +81,6 @@ class VectorNormalisedAction(VectorActionWrapper[Float32, Float32, Array, Array]
         self.action_space = batch_space(self._actions.space, env.num_envs)
 
     def actions(self, actions: Float32) -> Array:
-        """The controls (num_envs, nu) that ``actions`` (num_envs, nu) represent."""
         return self._actions.controls(actions)
 
 
@@ -151,12 +130,7 @@ class RewardShaping:
 
 
 class VectorShapedReward(VectorWrapper[Float32, Array, Float32, Array, Array]):
-    """Rewards shaped as :class:`RewardShaping` defines.
-
-    Args:
-        env: a vector environment of :mod:`ocp_envs` made with ``autoreset_mode="Disabled"``, wrapped or not.
-        shaping: the weights and prices.
-    """
+    """A vector ``env`` made with ``autoreset_mode="Disabled"``, with the rewards that ``shaping`` defines."""
 
     def __init__(self, env: Environments, shaping: RewardShaping) -> None:
         super().__init__(env)
@@ -172,13 +146,11 @@ class VectorShapedReward(VectorWrapper[Float32, Array, Float32, Array, Array]):
         return np.zeros(self.num_envs)
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Float32, Info]:
-        """As the environment's own, with its ``seed`` and ``options``."""
         started = self.env.reset(seed=seed, options=options)
         self._potential = -self._shaping.shaping * self._error()
         return started
 
-    def step(self, actions: Array) -> Step:
-        """As the environment's own step with ``actions`` (num_envs, nu), but for the rewards."""
+    def step(self, actions: Array) -> tuple[Float32, Array, Array, Array, Info]:
         observations, rewards, terminated, truncated, info = self.env.step(actions)
         shaping, dt, before = self._shaping, self._base.dt, self._potential
         error = np.where(terminated, 0.0, self._error())
@@ -197,10 +169,7 @@ class VectorNearStarts(VectorWrapper[Float32, Array, Float32, Array, Array]):
     curriculum generation for reinforcement learning*, 2017). The context stays as it is, and where the nearer initial
     state would violate the path constraints the episode starts at p. Only resets without ``parameters`` are changed.
 
-    Args:
-        env: a vector environment of :mod:`ocp_envs`, wrapped or not.
-        fraction: probability of such an initial state, in [0, 1].
-        seed: of the draws.
+    ``env`` is a vector environment, ``fraction`` the probability of such an initial state, ``seed`` that of the draws.
     """
 
     def __init__(self, env: Environments, fraction: float, seed: int) -> None:
@@ -208,7 +177,6 @@ class VectorNearStarts(VectorWrapper[Float32, Array, Float32, Array, Array]):
         self._base, self._fraction, self._rng = base_of(env), fraction, np.random.default_rng(seed)
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Float32, Info]:
-        """As the environment's own, with its ``seed`` and ``options``, and drawn parameters where none are given."""
         options = dict(options or {})
         if "parameters" not in options:
             options["parameters"] = self._draw()

@@ -20,22 +20,15 @@ Environments = gym.vector.VectorEnv[NDArray[np.float32], Array, Array]
 def environments(problem: OptimalControlProblem, count: int, dt: float = 0.02, **arguments: Any) -> VectorEnv:
     """``count`` environments that neither restart by themselves nor end at the goal, as ``rollout`` needs them.
 
-    Args:
-        problem: any problem, registered or not.
-        count: episodes that run at once, the rows of the batch.
-        dt: control period, seconds.
-        arguments: further arguments of :class:`ocp_envs.Env`.
+    Their control period is ``dt`` seconds; ``problem`` may be registered or not; ``arguments`` are further ones of
+    :class:`ocp_envs.Env`.
     """
     chosen = {"terminate_at_goal": False} | arguments
     return VectorEnv(problem, count, autoreset_mode=AutoresetMode.DISABLED, dt=dt, **chosen)
 
 
 def base_of(envs: Environments) -> VectorEnv:
-    """The vector environment of :mod:`ocp_envs` inside the wrappers of ``envs``.
-
-    Raises:
-        TypeError: there is another one inside.
-    """
+    """The vector environment of :mod:`ocp_envs` inside the wrappers of ``envs``; a ``TypeError`` for any other."""
     base = envs.unwrapped
     if not isinstance(base, VectorEnv):
         raise TypeError(f"expected a vector environment of ocp_envs, wrapped or not; got {type(base).__name__}")

@@ -1,6 +1,7 @@
 """Estimates with their 95 % confidence intervals: of a fraction, of a mean, and over training seeds.
 
-Each class reads and writes its JSON object, ``from_json`` and ``to_json``, including the values that are derived.
+Each class reads and writes its JSON object, ``from_json`` and ``to_json``, including the values that are derived;
+reading raises a ``ValueError`` where the content is no such object.
 """
 
 from __future__ import annotations
@@ -61,22 +62,18 @@ class Proportion(Estimate):
 
     @property
     def fraction(self) -> float:
-        """``count`` / ``total``."""
         return self.count / self.total
 
     @property
     def interval(self) -> Interval:
-        """Lower and upper bound of the fraction."""
         interval = binomtest(self.count, self.total).proportion_ci(0.95, method="wilson")
         return float(interval.low), float(interval.high)
 
     def to_json(self) -> Json:
-        """Count, total, fraction and interval."""
         return {"count": self.count, "total": self.total, "fraction": self.fraction, "interval": list(self.interval)}
 
     @classmethod
     def from_json(cls, content: Any) -> Self:
-        """The inverse of :meth:`to_json`; raises a ``ValueError`` where ``content`` is no such object."""
         _check(content, {"count": int, "total": int, "fraction": float, "interval": list})
         return cls(content["count"], content["total"])
 
@@ -107,12 +104,10 @@ class Mean(Estimate):
         return cls(mean, len(finite), (max(mean - reach, 0.0), mean + reach))
 
     def to_json(self) -> Json:
-        """Mean, total and interval."""
         return asdict(self) | {"interval": list(self.interval)}
 
     @classmethod
     def from_json(cls, content: Any) -> Self:
-        """The inverse of :meth:`to_json`; raises a ``ValueError`` where ``content`` is no such object."""
         _check(content, {"mean": float, "total": int, "interval": list})
         return cls(content["mean"], content["total"], _interval(content["interval"]))
 
@@ -158,17 +153,14 @@ class Spread:
 
     @property
     def median(self) -> float:
-        """Median of the values."""
         return float(np.median(self.values))
 
     @property
     def minimum(self) -> float:
-        """Smallest value."""
         return min(self.values)
 
     @property
     def maximum(self) -> float:
-        """Largest value."""
         return max(self.values)
 
     @property
@@ -190,7 +182,6 @@ class Spread:
 
     @classmethod
     def from_json(cls, content: Any) -> Self:
-        """The inverse of :meth:`to_json`; raises a ``ValueError`` where ``content`` is no such object."""
         floats = dict.fromkeys(("median", "least", "most", "coverage", "mean"), float)
         _check(content, {"values": list} | floats | {"mean_interval": (list, type(None))})
         interval = content["mean_interval"]

@@ -12,18 +12,11 @@ from ocp_envs.support.clock import count_steps
 
 
 class Violations:
-    """Violations of the path constraints in B episodes; zero where the problem has no constraints.
+    """Violations of the path constraints of ``problem`` in B episodes; zero where it has none.
 
-    Args:
-        problem: the problem.
-        dt: control period, seconds.
-        states: initial states, (B, nx).
-        contexts: (B, nc).
-        knot_step: seconds between the knots of the plans, NaN where there is none, (B,).
-
-    Attributes:
-        path: maximum over the control steps, (B,).
-        knots: maximum over the knots of the plan, NaN where there is none, (B,).
+    Episodes begin at ``states`` (B, nx) in ``contexts`` (B, nc). The attributes ``path`` and ``knots`` (B,) are the
+    maxima over the control steps of ``dt`` seconds and over the plan's knots, which are ``knot_step`` (B,) seconds
+    apart; ``knot_step`` and ``knots`` are NaN without a plan.
     """
 
     def __init__(
@@ -40,14 +33,7 @@ class Violations:
         return np.maximum(0.0, -self._clearances(states, contexts)[0].min(axis=1))
 
     def add(self, step: int, running: Bools, before: Array, after: Array) -> None:
-        """Add the control step that ends at ``step`` · dt.
-
-        Args:
-            step: its number, from 1.
-            running: episodes to which it is added, (B,).
-            before: states at its beginning, (B, nx).
-            after: states at its end, (B, nx).
-        """
+        """Add control step number ``step``, from ``before`` to ``after`` (B, nx), to the ``running`` episodes (B,)."""
         if self._clearances is None:
             return
         self.path[running] = np.maximum(self.path, self._at(after, self.contexts))[running]
@@ -62,18 +48,10 @@ class Violations:
 
 
 class Ledger:
-    """Metrics of a batch of B episodes while they run.
+    """Metrics of B episodes of ``problem`` while they run; the attribute ``running`` (B,) says which still do.
 
-    Args:
-        problem: the problem.
-        dt: control period, seconds.
-        steps: control steps after which every episode is evaluated at the latest.
-        states: initial states, (B, nx).
-        contexts: (B, nc).
-        schedule: of the plans; without one, episodes are evaluated ``problem.hold`` seconds after the first entry.
-
-    Attributes:
-        running: episodes that are not evaluated yet, (B,).
+    They begin at ``states`` (B, nx) in ``contexts`` (B, nc) and are evaluated at the time of their ``schedule``, else
+    ``problem.hold`` seconds after the first entry, at the latest after ``steps`` control steps of ``dt`` seconds.
     """
 
     def __init__(
@@ -101,14 +79,9 @@ class Ledger:
         self._note(0, self._error < problem.goal.radius)
 
     def add(self, step: int, before: Array, after: Array, cost: Array, left_box: Bools) -> None:
-        """Add the control step that ends at ``step`` · dt.
+        """Add control step number ``step``, from the states ``before`` to those ``after`` (B, nx).
 
-        Args:
-            step: its number, from 1.
-            before: states at its beginning, (B, nx).
-            after: states at its end, (B, nx).
-            cost: ∫L dt over it, (B,).
-            left_box: episodes that left the operating box in it, (B,).
+        ``cost`` (B,) is ∫L dt over it; ``left_box`` (B,) marks the episodes that left the operating box in it.
         """
         running = self.running.copy()
         self._error = self.problem.goal_error(after)

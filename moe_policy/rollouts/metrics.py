@@ -14,11 +14,9 @@ from ocp_envs.support.arrays import Array
 
 @dataclass(frozen=True)
 class CostRatio:
-    """The cost relative to that of a baseline, over the episodes in which both enter the goal ball.
+    """The cost relative to that of a baseline, over the ``episodes`` (a number) in which both enter the goal ball.
 
-    Args:
-        ratio: Σ cost / Σ cost of the baseline; ``None`` without such episodes.
-        episodes: their number.
+    ``ratio`` is Σ cost / Σ cost of the baseline, ``None`` without such episodes.
     """
 
     ratio: float | None
@@ -66,12 +64,7 @@ class Metrics:
 
 
 def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episodes | None = None) -> Metrics:
-    """The metrics of ``episodes``.
-
-    Args:
-        problem: the problem they ran on.
-        episodes: at least one.
-        baseline: episodes from the same parameters with the policy that costs are compared with.
+    """The metrics of ``episodes`` on ``problem``, with costs relative to those of ``baseline``.
 
     Raises:
         ValueError: no episodes, or a baseline from other parameters.
@@ -80,26 +73,26 @@ def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episo
         raise ValueError("expected at least one episode")
     planned = bool(np.isfinite(episodes.plan_end_error).any())
     constrained = problem.n_clearances > 0
-    at_end = _quantiles(episodes.plan_end_error) if planned else (None, None)
-    final = _quantiles(episodes.final_error)
-    path = _mean_and_max(episodes.violation) if constrained else (None, None)
-    knots = _mean_and_max(episodes.knot_violation) if constrained and planned else (None, None)
+    plan_end_median, plan_end_95 = _quantiles(episodes.plan_end_error) if planned else (None, None)
+    final_median, final_95 = _quantiles(episodes.final_error)
+    path_mean, path_max = _mean_and_max(episodes.violation) if constrained else (None, None)
+    knot_mean, knot_max = _mean_and_max(episodes.knot_violation) if constrained and planned else (None, None)
     return Metrics(
         reached=Proportion.of(episodes.reached),
         success=Proportion.of(episodes.success),
         success_at_plan_end=Proportion.of(episodes.plan_end_error < problem.goal.radius) if planned else None,
-        plan_end_error_median=at_end[0],
-        plan_end_error_95=at_end[1],
-        final_error_median=float(final[0]),
-        final_error_95=float(final[1]),
+        plan_end_error_median=plan_end_median,
+        plan_end_error_95=plan_end_95,
+        final_error_median=final_median,
+        final_error_95=final_95,
         cost_ratio=None if baseline is None else cost_ratio(episodes, baseline),
         left_box=int(episodes.left_box.sum()),
         clipped=int(episodes.clipped.sum()),
         rejected=int(episodes.rejected.sum()),
-        violation_mean=path[0],
-        violation_max=path[1],
-        knot_violation_mean=knots[0],
-        knot_violation_max=knots[1],
+        violation_mean=path_mean,
+        violation_max=path_max,
+        knot_violation_mean=knot_mean,
+        knot_violation_max=knot_max,
     )
 
 
@@ -121,9 +114,7 @@ def cost_ratio(episodes: Episodes, baseline: Episodes) -> CostRatio:
         ValueError: the two ran from different parameters.
     """
     if not np.array_equal(episodes.parameters, baseline.parameters):
-        raise ValueError(
-            "the costs of episodes can only be compared with a baseline from the same parameters, in order"
-        )
+        raise ValueError("costs can only be compared with those of a baseline from the same parameters, in order")
     both = episodes.reached & baseline.reached
     total = float(baseline.cost[both].sum())
     ratio = float(episodes.cost[both].sum()) / total if total > 0 else None

@@ -101,20 +101,14 @@ def _run(envs: Environments, policy: Policy, p: Array, steps: int, record: bool,
 
 
 def _check(base: VectorEnv, policy: Policy, evaluation: Evaluation) -> None:
-    """Refuse what cannot be run."""
     name, period = base.problem.id, getattr(policy, "dt", None)
     if evaluation not in get_args(Evaluation):
         raise ValueError(f"got evaluation={evaluation!r}, expected one of {', '.join(get_args(Evaluation))}")
     if base.options.terminate_at_goal or base.autoreset_mode is not AutoresetMode.DISABLED:
-        raise ValueError(
-            f"{name}: rollout needs an environment made with terminate_at_goal=False and "
-            f'autoreset_mode="Disabled"; got {base.options.terminate_at_goal} and {base.autoreset_mode.value!r}'
-        )
+        got = f"{base.options.terminate_at_goal} and {base.autoreset_mode.value!r}"
+        raise ValueError(f'{name}: rollout needs terminate_at_goal=False and autoreset_mode="Disabled"; got {got}')
     if period is not None and not math.isclose(period, base.dt, rel_tol=1e-9):
-        raise ValueError(
-            f"{name}: the policy was made for a control period of {period} s, the environment has {base.dt} s; "
-            "make both with the same dt"
-        )
+        raise ValueError(f"{name}: got a policy for {period} s in environments of {base.dt} s, expected the same dt")
 
 
 def _steps(base: VectorEnv, horizon: float | None) -> int:
@@ -122,7 +116,5 @@ def _steps(base: VectorEnv, horizon: float | None) -> int:
     limit = base.options.time_limit or base.problem.time_limit
     horizon = limit if horizon is None else horizon
     if not 0 < horizon <= limit:
-        raise ValueError(
-            f"{base.problem.id}: expected a horizon in (0, {limit}] s, the environment's limit; got {horizon}"
-        )
+        raise ValueError(f"{base.problem.id}: expected a horizon in (0, {limit}] s, the time limit; got {horizon}")
     return int(count_steps(horizon, base.dt))
