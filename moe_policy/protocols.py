@@ -1,4 +1,4 @@
-"""What planners and policies have in common, and what a policy says about its own schedule."""
+"""The interfaces of planners and policies, and the schedule that a planning policy announces for its episodes."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""How the parameter p of a problem is distributed: a value of its declaration.
+"""The distribution of the parameters p of a problem, as part of its declaration.
 
-A distribution declares, and draws what an environment needs for a reset; it never solves an optimal control problem.
+A distribution draws the parameters that an environment needs at a reset; it never solves an optimal control problem.
 Exact samples, which may need solutions, are drawn by :func:`ocp_envs.sample`.
 """
 

@@ -1,4 +1,4 @@
-"""What tells one problem from another: a hash that databases and weights carry."""
+"""The fingerprint of a problem: a hash by which databases and weights are refused for another problem."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a trajectory has to end, and the families into which optimal trajectories fall."""
+"""The goal of a problem, and the solution families into which its optimal trajectories fall."""
 
 from __future__ import annotations
 

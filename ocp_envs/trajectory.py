@@ -1,4 +1,4 @@
-"""Batches of trajectories on a uniform time grid, and the one flat layout.
+"""Batches of trajectories on a uniform time grid, and their flat layout.
 
 A trajectory has N knots t_i = i·t_f/(N-1), states x_i at the knots and controls u_i held over [t_i, t_{i+1}):
 

@@ -1,4 +1,4 @@
-"""Observations of the environments, taken apart by policies."""
+"""How policies split an observation into state and context, and shape their controls to match it."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """Projection of controls onto their bounds.
 
-The cost of one control step and of what follows is, but for a constant, (u − u*)ᵀ H (u − u*) with H = R + BᵀPB and the
-unconstrained control u* = ū − K δx. So the best admissible control is the projection of u* onto the box in the norm
-weighted by H: where one rotor stops, the others still generate the torque. For a single control, or one whose effect no
-other has, the projection is clipping.
+The cost of one control step and of the steps that follow, if these are not constrained, is (u − u*)ᵀ H (u − u*) plus a
+constant, with H = R + BᵀPB and the unconstrained control u* = ū − K δx. The best admissible control is therefore the
+projection of u* onto the box in the norm weighted by H: where one rotor is at its bound, the others still generate the
+torque. For a single control, or where H is diagonal, the projection is clipping.
 """
 
 from __future__ import annotations

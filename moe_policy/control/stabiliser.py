@@ -1,4 +1,4 @@
-"""Terminal regulation: policies that hold the goal, without a plan or after another policy."""
+"""Terminal regulation: policies that regulate the state at the goal, without a plan or after another policy."""
 
 from __future__ import annotations
 

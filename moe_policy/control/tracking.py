@@ -6,8 +6,8 @@ Within a plan, at control step k, with the reference x̄, ū of :mod:`moe_policy
     u = the projection of ū_k − K_k (x ⊖ x̄_k) onto the bounds, in the norm weighted by H_k,
 
 where ⊖ takes the shorter way round for periodic coordinates. After the plan x̄ is the goal, ū the control that holds it
-and K the gain of the discrete regulator there; where a goal cannot be held K = 0, so ū is simply kept. Terminal
-regulation is thus one more row of the arrays, at which the control step stays.
+and K the gain of the discrete regulator there; where the goal is not an equilibrium that an LQR can stabilise, K = 0
+and ū is applied unchanged. Terminal regulation is thus one more row of the arrays, at which the control step stays.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a network learns from: inputs, wanted outputs, and which of them train and which test."""
+"""Examples for a network: inputs, target outputs, and the split into a training and a test set."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The training of one network, which any process can do."""
+"""The training of one network as a self-contained task, which can run in any process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every training begins and ends with: scaled samples and a split; a planner and the record of its training."""
+"""Steps common to all training: samples are scaled and split before it; planner and record are built after."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """A planner that keeps a margin: it plans for a harder instance nearby, for example round a larger sphere.
 
-A network's plans are off by some centimetres, and an optimal plan touches its constraint, so that nearly every plan of
-a network enters the sphere a little. The remedy that Tang & Hauser (2019) name is a margin on the modelled obstacle; it
-costs as much as the longer way.
+A network's plans are off by some centimetres, and an optimal plan touches its constraint, so a network's plans often
+enter the sphere a little. The remedy that Tang & Hauser (2019) name is a margin on the modelled obstacle; its price is
+the longer path.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a reinforcement learner observes and does: features of the observation, and actions in [-1, 1].
+"""The interface of a reinforcement learner: features of the observation, and actions in [-1, 1].
 
 A learner gets the features φ(observation), in this order:
 

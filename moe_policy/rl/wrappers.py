@@ -1,8 +1,8 @@
-"""Wrappers that learning puts around the environments of :mod:`ocp_envs`.
+"""Wrappers around the environments of :mod:`ocp_envs` for training.
 
 Features and actions come from :mod:`moe_policy.rl.features`, once for a single and once for a vector environment.
-:class:`VectorShapedReward` and :class:`VectorNearStarts` change what the learner is paid and where episodes begin;
-policies are run without them.
+:class:`VectorShapedReward` and :class:`VectorNearStarts` change the learner's reward and the initial
+states of its episodes; policies are run without them.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Three numbers belong to an instance:
 
-    index i   its place in the parameters as they were given. It is what ``indices`` are.
-    row r     its place on disk, in the order in which the instances are solved. It is what ``rows`` are.
+    index i   its position in the parameters as they were given (arguments named ``indices``).
+    row r     its position on disk, in the order in which the instances are solved (arguments named ``rows``).
               The array ``order`` holds the index of each row, i = order[r]; its inverse holds the row of each index.
     chunk     ⌊r / rows per chunk⌋: the rows of a chunk are solved in one task and written in one step.
 

@@ -1,4 +1,4 @@
-"""Drawing in space: Matplotlib's axes in three dimensions, with a drawing order of our own.
+"""Drawing in space: Matplotlib's axes in three dimensions, with a corrected drawing order.
 
 Matplotlib sorts whole artists by depth and draws every line below every surface, which is wrong for a path that passes
 round a sphere. Here spheres are drawn from far to near, and each part of a curve is drawn in the layer below the

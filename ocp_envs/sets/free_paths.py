@@ -1,4 +1,4 @@
-"""Optimal paths of a problem without its path constraint, given which the parameters of its obstacle are drawn.
+"""Optimal paths of a problem without its path constraint, on which the distribution of its obstacle is conditioned.
 
 Parameters of a problem with an obstacle are drawn on condition that it blocks the optimal trajectory of the free
 problem. Knots alone do not decide that, so the trajectory is made *dense*: it is the cubic Hermite interpolant of the

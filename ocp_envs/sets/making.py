@@ -1,4 +1,4 @@
-"""The making of hard sets, as :mod:`ocp_envs.sets.hard_sets` describes it."""
+"""Generation of hard sets by the procedure that :mod:`ocp_envs.sets.hard_sets` describes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DIFFERENT = 1e-3
 
 
 def smaller(hard: HardSet, size: int) -> HardSet:
-    """``hard`` with ``size`` instances, made from fewer draws: to try the making out."""
+    """``hard`` with ``size`` instances, generated from fewer draws, for a quick trial."""
     if isinstance(hard, NearEqualCosts):
         # In a small draw the fraction near the discontinuity may be smaller.
         return replace(hard, size=size, drawn=2 * -(-hard.drawn * size // hard.size))

@@ -1,4 +1,4 @@
-"""Batches: frozen dataclasses whose arrays hold one row an element, selected and joined field by field."""
+"""Batches: frozen dataclasses whose arrays hold one row per element, selected and joined field by field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a program that runs many tasks must know of an executor, beyond how to submit one."""
+"""What a program that runs many tasks must know about an executor, beyond how to submit a task."""
 
 from __future__ import annotations
 
