@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+from numpy.typing import ArrayLike
 
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
+
+#: The recurrent state of a policy, of a type of its own.
+State: TypeAlias = Any
 
 
 class Planner(Protocol):
@@ -26,8 +31,12 @@ class Policy(Protocol):
     """
 
     def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
+        self,
+        observation: ArrayLike,
+        state: State = None,
+        episode_start: ArrayLike | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, State]:
         """The controls of one control step, and the recurrent state for the next call.
 
         Args:
@@ -63,8 +72,8 @@ class PlanningPolicy(Policy, Protocol):
     evaluation time.
     """
 
-    def start(self, parameters: Array) -> Any:
+    def start(self, parameters: Array) -> State:
         """The recurrent state at the beginning of episodes with ``parameters`` (B, np)."""
 
-    def schedule(self, state: Any) -> Schedule:
+    def schedule(self, state: State) -> Schedule:
         """The schedule of episodes with the recurrent ``state`` of :meth:`start`."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +11,7 @@ from moe_policy.control.lqr import Regulator
 from moe_policy.control.observations import beginning, shaped_as, split
 from moe_policy.control.projection import project
 from moe_policy.control.weights import TrackingWeights
-from moe_policy.protocols import Policy
+from moe_policy.protocols import Policy, State
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 
@@ -53,7 +52,7 @@ class Stabiliser:
 class Entered:
     """Recurrent state of :class:`Stabilised`: that of the ``inner`` policy, and the rows (B,) that have ``entered``."""
 
-    inner: Any
+    inner: State
     entered: Bools
 
 

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 from tqdm import tqdm
@@ -59,7 +59,7 @@ class Method:
         """The actor as a policy with control period ``dt``, seconds; ``weights`` are the problem's own by default."""
         if self.planner is not None:
             return TrackingPolicy(problem, self.planner, dt, weights)
-        acting: Any = self.actor
+        acting = cast(Policy, self.actor)
         if isinstance(acting, Stabiliser) or problem.hold == 0:
             return acting
         return Stabilised(acting, problem, dt, weights)

@@ -43,6 +43,7 @@ from pathlib import Path
 from typing import Any, Final, Self, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import cattrs
+from cattrs.dispatch import StructureHook as Structure
 from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 from cattrs.strategies import configure_union_passthrough
 
@@ -52,8 +53,6 @@ T = TypeVar("T")
 R = TypeVar("R", bound="Record")
 Json = dict[str, object]
 Scalar = str | bool | int | float | None
-#: A hook of cattrs: JSON and the type of the value → value.
-Structure = Callable[[Any, Any], Any]
 
 
 class Absent(enum.Enum):
@@ -74,7 +73,7 @@ def present(value: T | Absent | None) -> T | None:
     return None if value is ABSENT else value
 
 
-def renamed(key: str, default: Any = dataclasses.MISSING) -> Any:
+def renamed(key: str, default: object = dataclasses.MISSING) -> Any:
     """A field whose JSON key is ``key``; ``default`` is :data:`ABSENT` or nothing."""
     return dataclasses.field(metadata={"key": key}, default=default)
 
@@ -138,7 +137,7 @@ class _Shape:
     kind: type  # the dataclass
     keys: dict[str, str]  # field → JSON key
     optional: frozenset[str]  # keys that a file may lack
-    inlined: dict[str, Any]  # field → type of the fields whose keys stand among the others
+    inlined: dict[str, type]  # field → type of the fields whose keys stand among the others
 
     @classmethod
     def of(cls, kind: type) -> _Shape:
@@ -226,7 +225,7 @@ def _plain(*kinds: type) -> Structure:
 
 
 def _without_absent(union: object, converter: cattrs.Converter) -> Structure:
-    rest: Any = Union.__getitem__(tuple(kind for kind in get_args(union) if kind is not Absent))
+    rest = cast(type, Union.__getitem__(tuple(kind for kind in get_args(union) if kind is not Absent)))
     structure = converter.get_structure_hook(rest)
     return lambda value, _: structure(value, rest)
 

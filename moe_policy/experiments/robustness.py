@@ -20,6 +20,7 @@ from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import Metrics, evaluate
 from moe_policy.rollouts.rollout import rollout
+from ocp_envs.envs.options import Arguments
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
@@ -107,7 +108,7 @@ class Plant(Record):
     cpu_seconds: float  # processor time
 
 
-def plant_key(identity: str, arguments: Mapping[str, Any]) -> str:
+def plant_key(identity: str, arguments: Mapping[str, object]) -> str:
     """A short name for everything that the rows of a plant depend on.
 
     ``identity`` names all but the plant; equal ``arguments``, such as those of all nominal plants, are one plant.
@@ -120,7 +121,7 @@ def run_plant(
     problem: OptimalControlProblem,
     methods: Sequence[Method],
     parameters: Array,
-    arguments: Mapping[str, Any],
+    arguments: Arguments,
     *,
     seed: int = 0,
     dt: float = 0.02,

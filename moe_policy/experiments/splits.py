@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -128,7 +128,7 @@ _SHOWN: tuple[Column[ComparisonRow], ...] = (
 )
 
 
-def _on(split: str, of: Callable[[ComparisonRow], Any]) -> Callable[[SplitMethod], Any]:
+def _on(split: str, of: Callable[[ComparisonRow], object]) -> Callable[[SplitMethod], object]:
     return lambda method: of(method.splits[split].row) if split in method.splits else None
 
 

@@ -23,7 +23,7 @@ class Column(Generic[Row]):
 
     title: str  # heading
     #: row → value; ``None``, NaN and :data:`~moe_policy.experiments.records.ABSENT` become a dash
-    of: Callable[[Row], Any]
+    of: Callable[[Row], object]
     #: how a value is written: a format specification such as ``".3f"``, or a function to text
     form: str | Callable[[Any], str] = ""
 

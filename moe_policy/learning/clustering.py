@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from sklearn.cluster import KMeans
@@ -42,7 +41,7 @@ class Labels:
     values: Ints
     names: tuple[str, ...]
     method: str
-    settings: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         values = np.array(self.values)
@@ -116,7 +115,7 @@ def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, se
     flat = trajectory[fitted_on].flat()
     scaler = Standardizer.fit(flat)
     features = scaler.scale(flat)
-    settings: dict[str, Any] = {"k": k, "seed": seed, "n_init": n_init}
+    settings: dict[str, object] = {"k": k, "seed": seed, "n_init": n_init}
     projection: PCA | None = None
     if components is not None:
         if not 1 <= components <= min(features.shape):

@@ -6,7 +6,6 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,7 +110,7 @@ class Prepared:
         return self._part(name, layer_sizes(self.problem, hidden, count), stream, examples)
 
     def planner(
-        self, name: str, network: Network, mixing: Mixing, parts: Sequence[PartReport], **details: Any
+        self, name: str, network: Network, mixing: Mixing, parts: Sequence[PartReport], **details: object
     ) -> NetworkPlanner:
         """The planner called ``name``: a trained ``network``, its ``mixing``, and the record of its training with the
         reports of its ``parts`` and further ``details``, as JSON.

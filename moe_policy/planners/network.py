@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, field
-from typing import Any
+from typing import cast
 
 import numpy as np
 import torch
@@ -58,7 +58,8 @@ class NetworkPlanner:
 
     def __post_init__(self) -> None:
         # The experts of a mixture have the same inputs and outputs.
-        sizes: Any = (self.network.experts[0] if isinstance(self.network, MixtureOfExperts) else self.network).sizes
+        experts = self.network.experts if isinstance(self.network, MixtureOfExperts) else [self.network]
+        sizes = cast(SingleNetwork, experts[0]).sizes
         networks, scalers = (sizes[0], sizes[-1]), (len(self.inputs), len(self.outputs))
         expected = (len(self.problem.parameters), self.problem.flat_size)
         if not networks == scalers == expected:

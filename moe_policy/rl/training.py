@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
@@ -74,7 +74,7 @@ class _Progress:
         """Steps at the last evaluation."""
         return self.run.curve[-1].steps if self.run else 0
 
-    def after_step(self, local: dict[str, Any], world: dict[str, Any]) -> bool:
+    def after_step(self, local: dict[str, object], world: dict[str, object]) -> bool:
         """Callback of Stable-Baselines3: evaluate where ``evaluate_every`` steps are complete, and continue."""
         every = self.settings.evaluate_every
         if self.learner.num_timesteps // every > self.evaluated // every:

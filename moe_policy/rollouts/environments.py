@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Unpack
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from ocp_envs.envs.options import Arguments
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
@@ -17,13 +18,15 @@ from ocp_envs.support.arrays import Array
 Environments = gym.vector.VectorEnv[NDArray[np.float32], Array, Array]
 
 
-def environments(problem: OptimalControlProblem, count: int, dt: float = 0.02, **arguments: Any) -> VectorEnv:
+def environments(
+    problem: OptimalControlProblem, count: int, dt: float = 0.02, **arguments: Unpack[Arguments]
+) -> VectorEnv:
     """``count`` environments that neither restart by themselves nor end at the goal, as ``rollout`` needs them.
 
     Their control period is ``dt`` seconds; ``problem`` may be registered or not; ``arguments`` are further ones of
     :class:`ocp_envs.Env`.
     """
-    chosen = {"terminate_at_goal": False} | arguments
+    chosen: Arguments = {"terminate_at_goal": False, **arguments}
     return VectorEnv(problem, count, autoreset_mode=AutoresetMode.DISABLED, dt=dt, **chosen)
 
 

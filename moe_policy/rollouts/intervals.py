@@ -28,7 +28,7 @@ class Estimate:
         def interval(self) -> Interval: ...
 
     @classmethod
-    def from_json(cls, content: Any) -> Estimate:
+    def from_json(cls, content: object) -> Estimate:
         """The :class:`Proportion` or the :class:`Mean` whose JSON is ``content``."""
         return (Proportion if isinstance(content, dict) and "count" in content else Mean).from_json(content)
 
@@ -73,9 +73,9 @@ class Proportion(Estimate):
         return {"count": self.count, "total": self.total, "fraction": self.fraction, "interval": list(self.interval)}
 
     @classmethod
-    def from_json(cls, content: Any) -> Self:
-        _check(content, {"count": int, "total": int, "fraction": float, "interval": list})
-        return cls(content["count"], content["total"])
+    def from_json(cls, content: object) -> Self:
+        known = _checked(content, {"count": int, "total": int, "fraction": float, "interval": list})
+        return cls(known["count"], known["total"])
 
 
 @dataclass(frozen=True)
@@ -107,9 +107,9 @@ class Mean(Estimate):
         return asdict(self) | {"interval": list(self.interval)}
 
     @classmethod
-    def from_json(cls, content: Any) -> Self:
-        _check(content, {"mean": float, "total": int, "interval": list})
-        return cls(content["mean"], content["total"], _interval(content["interval"]))
+    def from_json(cls, content: object) -> Self:
+        known = _checked(content, {"mean": float, "total": int, "interval": list})
+        return cls(known["mean"], known["total"], _interval(known["interval"]))
 
 
 def disjoint(one: Estimate, other: Estimate) -> bool:
@@ -181,11 +181,11 @@ class Spread:
         }
 
     @classmethod
-    def from_json(cls, content: Any) -> Self:
+    def from_json(cls, content: object) -> Self:
         floats = dict.fromkeys(("median", "least", "most", "coverage", "mean"), float)
-        _check(content, {"values": list} | floats | {"mean_interval": (list, type(None))})
-        interval = content["mean_interval"]
-        return cls(tuple(content["values"]), None if interval is None else _interval(interval))
+        known = _checked(content, {"values": list} | floats | {"mean_interval": (list, type(None))})
+        interval = known["mean_interval"]
+        return cls(tuple(known["values"]), None if interval is None else _interval(interval))
 
 
 def _reach(values: NDArray[np.float64]) -> float:
@@ -194,12 +194,13 @@ def _reach(values: NDArray[np.float64]) -> float:
     return float(student.ppf(0.975, n - 1)) * float(values.std(ddof=1)) / float(n**0.5)
 
 
-def _interval(ends: list[Any]) -> Interval:
+def _interval(ends: list[float]) -> Interval:
     low, high = ends
     return low, high
 
 
-def _check(content: Any, kinds: Mapping[str, type | tuple[type, ...]]) -> None:
-    wrong = not isinstance(content, dict) or content.keys() != kinds.keys()
-    if wrong or not all(isinstance(content[key], kind) for key, kind in kinds.items()):
-        raise ValueError(f"got {content!r}, expected an object with the keys {', '.join(kinds)}")
+def _checked(content: object, kinds: Mapping[str, type | tuple[type, ...]]) -> dict[str, Any]:
+    whole = isinstance(content, dict) and content.keys() == kinds.keys()
+    if isinstance(content, dict) and whole and all(isinstance(content[key], kind) for key, kind in kinds.items()):
+        return content
+    raise ValueError(f"got {content!r}, expected an object with the keys {', '.join(kinds)}")

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypedDict
 
 import gymnasium as gym
 import numpy as np
@@ -24,6 +24,18 @@ from ocp_envs.support.clock import count_steps
 from ocp_envs.support.suggestions import did_you_mean
 
 RENDER_MODES = ("rgb_array", "human")
+
+
+class Arguments(TypedDict, total=False):
+    """Keyword arguments of an environment, apart from its control period."""
+
+    terminate_at_goal: bool
+    time_limit: float | None
+    constants: Mapping[str, float] | None
+    disturbance: ArrayLike
+    observation_noise: ArrayLike
+    delay: int
+    render_mode: str | None
 
 
 @lru_cache(maxsize=32)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from moe_policy.experiments.budgets import Budgets
-from moe_policy.experiments.figures.style import Axes, Figure, looks, save_figure
+from moe_policy.experiments.figures.style import Axes, Figure, Panels, looks, save_figure
 from moe_policy.experiments.learner_budgets import (
     ChosenActor,
     Curve,
@@ -115,7 +114,7 @@ def budgets_figure(path: str | Path, record: Budgets) -> Path:
     styles = _styles(record)
 
     def draw(figure: Figure) -> None:
-        panels: Any = figure.subplots(len(shown), len(BUDGETS), sharex="col", sharey="row", squeeze=False)
+        panels: Panels = figure.subplots(len(shown), len(BUDGETS), sharex="col", sharey="row", squeeze=False)
         for row, metric in zip(panels, shown):
             for axes, budget in zip(row, BUDGETS):
                 _draw_panel(axes, record, styles, metric, budget)
@@ -125,7 +124,7 @@ def budgets_figure(path: str | Path, record: Budgets) -> Path:
         figure.suptitle(f"{record.env_id}: learners (lines, thick: median of seeds) and planners (marks)", fontsize=10)
         for axes, budget in zip(panels[-1], BUDGETS):
             axes.set_xlabel(budget.title)
-        handles = {text: handle for axes in panels.flat for handle, text in zip(*axes.get_legend_handles_labels())}
+        handles = {text: handle for axes in panels.ravel() for handle, text in zip(*axes.get_legend_handles_labels())}
         figure.legend(handles.values(), handles.keys(), loc="outside right upper", fontsize=8)
 
     return save_figure(path, (10.0, 0.9 + 2.2 * len(shown)), draw)

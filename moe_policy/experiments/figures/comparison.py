@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from moe_policy.experiments.comparison import MarginRow
-from moe_policy.experiments.figures.style import COLORS, Axes, Figure, looks, save_figure
+from moe_policy.experiments.figures.style import COLORS, Axes, Figure, Panels, looks, save_figure
 from moe_policy.experiments.records import Absent, present
 from moe_policy.experiments.seeds import TrainingRow
 from moe_policy.rollouts.metrics import Metrics
@@ -86,7 +85,7 @@ def sizes_figure(path: str | Path, rows: Sequence[TrainingRow], cases: int) -> P
         del shown["after the hold"]  # the goal cannot be regulated
 
     def draw(figure: Figure) -> None:
-        panels: Any = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
+        panels: Panels = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
         for ax, (title, of) in zip(panels, shown.items()):
             _panel(ax, rows, partial(_wrong, of, None if constrained else cases))
             ax.set(xscale="log", yscale="log", xlabel="training problems", title=title)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from moe_policy.experiments.distances import DistanceCurves, measures_of
-from moe_policy.experiments.figures.style import Axes, Figure, looks, save_figure
+from moe_policy.experiments.figures.style import Axes, Figure, Panels, looks, save_figure
 from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.experiments.robustness import LevelRow, Robustness
 from moe_policy.experiments.splits import SPLITS, SplitComparison, SplitMethod
@@ -16,7 +15,7 @@ from moe_policy.rollouts.intervals import Estimate, Mean, Proportion
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import discontinuity_of
 
-Look = Mapping[str, Any]
+Look = Mapping[str, str]
 _MARKERS = dict(zip(SPLITS, "oDs"))
 COLUMNS = 3
 #: Levels from 0 whose maximum is more than so many times the minimum above 0 are drawn on a logarithmic axis.
@@ -34,7 +33,7 @@ def splits_figure(path: str | Path, problem: OptimalControlProblem, record: Spli
     styles = looks(names)
 
     def draw(figure: Figure) -> None:
-        panels: Any = figure.subplots(len(measures), 1 + (curves is not None), squeeze=False)
+        panels: Panels = figure.subplots(len(measures), 1 + (curves is not None), squeeze=False)
         for row, measure in zip(panels, measures):
             if curves is not None:
                 draw_curves(row[0], curves, measure.name, styles)
@@ -99,7 +98,7 @@ def _limits(drawn: Sequence[Estimate]) -> tuple[float | None, float | None]:
     return (None, 103) if drawn and isinstance(drawn[0], Proportion) else (0, None)
 
 
-def _legends(figure: Figure, panels: Any) -> None:
+def _legends(figure: Figure, panels: Panels) -> None:
     """Methods below all panels, splits in the first of their panels."""
     panels[0, -1].legend(fontsize=8, loc="best")
     if panels.shape[1] > 1:
@@ -156,7 +155,7 @@ def robustness_figure(path: str | Path, record: Robustness) -> Path:
     lines = -(-len(record.perturbations) // COLUMNS)
 
     def draw(figure: Figure) -> None:
-        panels: Any = figure.subplots(lines * len(metrics), COLUMNS, squeeze=False)
+        panels: Panels = figure.subplots(lines * len(metrics), COLUMNS, squeeze=False)
         for metric, block in zip(metrics, panels.reshape(len(metrics), -1)):
             for axes, perturbation in zip(block, record.perturbations):
                 draw_panel(axes, record, perturbation, metric)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -147,10 +146,10 @@ def interpolation_figure(
 
 def _lines(
     optimal: Trajectory, neighbours: Samples, predictions: Mapping[str, Trajectory]
-) -> list[tuple[Trajectory, dict[str, Any]]]:
+) -> list[tuple[Trajectory, dict[str, object]]]:
     """Trajectories of one and their look: neighbours thin, the optimum black, predictions dashed."""
     thin = {"linewidth": 1.0, "alpha": 0.75, "zorder": 2}
-    lines: list[tuple[Trajectory, dict[str, Any]]] = [
+    lines: list[tuple[Trajectory, dict[str, object]]] = [
         (neighbours.trajectory[i], {"color": cluster_color(int(mode)), **thin})
         for i, mode in enumerate(neighbours.mode)
     ]

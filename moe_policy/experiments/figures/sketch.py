@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from moe_policy.experiments.figures.style import COLORS, Figure, save_figure
 
@@ -20,7 +19,7 @@ def mixture_figure(path: str | Path, experts: int = 3) -> Path:
             frame = {"boxstyle": "round,pad=0.5", "edgecolor": color, "facecolor": "white", "linewidth": 1.5}
             axes.text(x, y, text, ha="center", va="center", bbox=frame, fontsize=10)
 
-        def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **form: Any) -> None:
+        def arrow(start: tuple[float, float], end: tuple[float, float], color: str, **form: object) -> None:
             axes.annotate("", end, start, arrowprops={"arrowstyle": "->", "color": color, "linewidth": 1.5, **form})
 
         middle, chosen, below = (experts - 1) / 2, min(1, experts - 1), -1.1

@@ -12,7 +12,6 @@ import dataclasses
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +29,7 @@ from ocp_envs.trajectory import Trajectory
 
 Size = tuple[float, float]
 Bounds = tuple[float, float, float, float]
-_SPHERE: dict[str, Any] = {"color": "#9aa3ad", "alpha": 0.42}
+_SPHERE_COLOR, _SPHERE_ALPHA = "#9aa3ad", 0.42
 _PIECES = 6  # of a curve between two knots
 _ELEVATION, _TURN = 14.0, 12.0  # of the camera, degrees: above the horizon, and away from the exact side view
 
@@ -53,7 +52,7 @@ def spheres_of(problem: OptimalControlProblem, context: Array) -> list[Ball]:
     """The spheres of ``context`` (nc,), all in one colour."""
     shapes = picture_of(problem).shapes(problem.goal.state, context)
     found = [shape for shape in shapes if isinstance(shape, Ball)]
-    return [dataclasses.replace(ball, **_SPHERE) for ball in found]
+    return [dataclasses.replace(ball, color=_SPHERE_COLOR, alpha=_SPHERE_ALPHA) for ball in found]
 
 
 def closeup(problem: OptimalControlProblem, plans: Trajectory, spheres: Sequence[Ball]) -> Picture:
@@ -84,7 +83,7 @@ def panel(figure: Figure, bounds: Bounds, picture: Picture, title: str = "") -> 
     return space
 
 
-def draw_path(space: Space, picture: Picture, states: Array, color: Any, width: float, alpha: float = 1.0) -> None:
+def draw_path(space: Space, picture: Picture, states: Array, color: object, width: float, alpha: float = 1.0) -> None:
     """The path of ``states`` (N, nx) with a dot at the initial position."""
     if not np.isfinite(states).all():
         return

@@ -6,9 +6,10 @@ import re
 from collections.abc import Callable, Iterable
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ocp_envs.support.files import replacing
 from ocp_envs.system import Coordinate
@@ -19,8 +20,10 @@ if TYPE_CHECKING:
 else:  # matplotlib is optional, and slow to import
     Axes = Figure = object
 
+#: Axes in rows and columns, as Matplotlib's ``subplots`` returns them.
+Panels = NDArray[np.object_]
 #: matplotlib's settings of all figures.
-STYLE: dict[str, Any] = {
+STYLE: dict[str, object] = {
     "figure.dpi": 100,
     "savefig.dpi": 160,
     "font.size": 9,
@@ -39,7 +42,7 @@ COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#00
 _CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
 _LINES = ("-", "--", ":", "-.")
 #: Formats of figures, and the metadata that is left out, so that equal figures are equal files.
-_METADATA: dict[str, dict[str, Any]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
+_METADATA: dict[str, dict[str, object]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
 INK = "#000000"
 _GREEK = {"theta": "θ", "omega": "ω", "phi": "φ", "psi": "ψ", "pi": "π"}
 
@@ -49,10 +52,10 @@ def cluster_color(cluster: int) -> str:
     return _CLUSTER_COLORS[cluster % len(_CLUSTER_COLORS)]
 
 
-def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
+def looks(names: Iterable[str]) -> dict[str, dict[str, str]]:
     """Colour and line of each method; variants, such as ``"snn, half turn"``, share the colour of their policy."""
     variants: dict[str, int] = {}  # of each policy, so far
-    found: dict[str, dict[str, Any]] = {}
+    found: dict[str, dict[str, str]] = {}
     for name in dict.fromkeys(names):
         policy = name.split(", ")[0]
         nth = variants[policy] = variants.get(policy, -1) + 1
