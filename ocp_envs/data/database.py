@@ -15,8 +15,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +39,7 @@ _BLOCK = 5_000
 class Database:
     """A database; :meth:`create` makes a new one, :meth:`open` opens an existing one.
 
-    Args:
-        path: its folder.
-        group: its files.
-        problem: what it was made for.
+    It lies in the folder ``path`` with the files ``group`` and was made for ``problem``.
     """
 
     def __init__(self, path: Path, group: zarr.Group, problem: OptimalControlProblem) -> None:
@@ -99,11 +97,8 @@ class Database:
         try:
             return np.asarray(self._arrays[name][rows or slice(None)])
         except (OSError, ValueError, RuntimeError, KeyError) as error:
-            raise DatabaseError(
-                f"{self.path} is damaged: {name} cannot be read ({error}); generate it again"
-            ) from error
-
-    # -- the instances --------------------------------------------------------------------------------------------
+            message = f"{self.path} is damaged: {name} cannot be read ({error}); generate it again"
+            raise DatabaseError(message) from error
 
     def __len__(self) -> int:
         return len(self._index_of_row)
@@ -122,11 +117,7 @@ class Database:
     def key(self) -> str:
         """A hash of problem, settings and parameters: of everything that determines a complete database."""
         record = [self.problem.fingerprint, self._group.attrs["settings"]]
-        sha = hashlib.sha256(json.dumps(record, sort_keys=True).encode())
-        sha.update(np.ascontiguousarray(self.parameters).tobytes())
-        return sha.hexdigest()
-
-    # -- chunks and rows, in the order on disk ---------------------------------------------------------------------
+        return _hash([np.frombuffer(json.dumps(record, sort_keys=True).encode(), np.uint8), self.parameters])
 
     @property
     def chunk(self) -> int:
@@ -156,12 +147,7 @@ class Database:
         return bool(self.present().all())
 
     def write(self, chunk: int, rows: StoredRows) -> None:
-        """Write the chunk with number ``chunk``; ``status`` goes last.
-
-        Args:
-            chunk: its number.
-            rows: what to write.
-        """
+        """Write ``rows`` as the chunk with number ``chunk``; ``status`` goes last."""
         where = self.stored_rows(chunk)
         for name in layout(self.problem):
             if name != "status":
@@ -186,22 +172,17 @@ class Database:
         for rows in self._spans(len(self) if stop is None else stop):
             yield rows, self.stored(rows)
 
-    def _spans(self, stop: int) -> Iterator[slice]:
+    def _spans(self, stop: int) -> list[slice]:
         """Rows 0 … ``stop`` in whole chunks, a few thousand rows at a time."""
         step = self.chunk * max(1, _BLOCK // self.chunk)
-        for begin in range(0, stop, step):
-            yield slice(begin, min(begin + step, stop))
-
-    # -- instances, by index ---------------------------------------------------------------------------------------
+        return [slice(begin, min(begin + step, stop)) for begin in range(0, stop, step)]
 
     def costs(self) -> Array:
         """The best cost of every family of every instance, (M, modes); +inf where none was found."""
         return self._read("cost")[self._row_of_index]
 
     def first(self, count: int | None) -> Ints:
-        """Indices of the ``count`` instances that are solved first, ascending; all where ``None``.
-
-        They are chosen at random, and available long before the database is complete.
+        """Indices of the ``count`` instances that are solved first, chosen at random, ascending; all where ``None``.
 
         Raises:
             DatabaseError: they are not solved yet.
@@ -209,10 +190,8 @@ class Database:
         rows = len(self) if count is None else min(count, len(self))
         present = self.present()[: -(-rows // self.chunk)]
         if not present.all():
-            raise DatabaseError(
-                f"{self.path}: {int(present.sum()) * self.chunk} of the first {rows} instances are solved; generate "
-                "the others first"
-            )
+            solved = int(present.sum()) * self.chunk
+            raise DatabaseError(f"{self.path}: {solved} of the first {rows} instances are solved; generate the others")
         return np.sort(self._index_of_row[:rows])
 
     def solved(self, indices: Ints) -> Ints:
@@ -253,8 +232,6 @@ class Database:
             index=index,
         )
 
-    # -- all of it -------------------------------------------------------------------------------------------------
-
     def totals(self) -> dict[str, int]:
         """Sums over all rows that were written: instances, solved ones, solves, failures, fallbacks, iterations."""
         status = self._read("status")
@@ -264,10 +241,13 @@ class Database:
 
     def digest(self) -> str:
         """A hash of all arrays: equal for equal databases."""
-        sha = hashlib.sha256()
-        sha.update(np.ascontiguousarray(self.parameters).tobytes())
-        sha.update(np.ascontiguousarray(self._index_of_row).tobytes())
-        for name in sorted(layout(self.problem)):
-            for begin in range(0, len(self), _BLOCK):
-                sha.update(np.ascontiguousarray(self._read(name, slice(begin, begin + _BLOCK))).tobytes())
-        return sha.hexdigest()
+        spans = [slice(begin, begin + _BLOCK) for begin in range(0, len(self), _BLOCK)]
+        stored = (self._read(name, rows) for name in sorted(layout(self.problem)) for rows in spans)
+        return _hash(chain([self.parameters, self._index_of_row], stored))
+
+
+def _hash(parts: Iterable[NDArray[Any]]) -> str:
+    sha = hashlib.sha256()
+    for part in parts:
+        sha.update(np.ascontiguousarray(part).tobytes())
+    return sha.hexdigest()

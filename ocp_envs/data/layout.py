@@ -110,15 +110,10 @@ def create_group(
     settings: Mapping[str, object],
     chunk: int,
 ) -> None:
-    """Write the files of an empty database, in one step.
+    """Write the files of an empty database to the folder ``path``, in one step.
 
-    Args:
-        path: its folder.
-        problem: what it is for.
-        parameters: (M, np).
-        order: which parameter each row belongs to, (M,).
-        settings: how it is made, as JSON.
-        chunk: rows that are written at a time.
+    It is for the instances of ``problem`` with ``parameters`` (M, np), in the ``order`` (M,) of rows, made with
+    ``settings`` (JSON); ``chunk`` rows are written at a time.
 
     Raises:
         DatabaseError: the path exists.
@@ -145,11 +140,9 @@ def create_group(
 
 
 def open_group(path: Path, problem: OptimalControlProblem | None) -> tuple[zarr.Group, OptimalControlProblem]:
-    """The group at ``path``, and the problem it was made for.
+    """The group in the folder ``path``, and the problem it was made for.
 
-    Args:
-        path: folder of the database.
-        problem: what it is to be used for; ``None``: the registered problem of the id it carries.
+    This must be ``problem``; where ``None``, it is the registered problem of the id that the database carries.
 
     Raises:
         DatabaseError: not a database, damaged, or made for another problem.
@@ -176,7 +169,7 @@ def open_group(path: Path, problem: OptimalControlProblem | None) -> tuple[zarr.
 
 
 def _check_made_for(problem: OptimalControlProblem, path: Path, attributes: Mapping[str, object]) -> None:
-    """Raise where the database with these ``attributes`` was made for something else than ``problem``."""
+    """Raise where the database with these ``attributes`` was made for something other than ``problem``."""
     found = attributes.get("problem"), attributes.get("fingerprint")
     if found != (problem.id, problem.fingerprint):
         raise DatabaseError(

@@ -10,26 +10,16 @@ from ocp_envs.system import Box
 
 
 class Neighbours:
-    """A search among stored parameters.
-
-    Args:
-        box: of the parameters.
-        parameters: among which to search, (M, np).
-    """
+    """A search among stored ``parameters`` (M, np), which lie in ``box``."""
 
     def __init__(self, box: Box, parameters: Array) -> None:
         self._width = box.width
         self._tree = cKDTree(parameters / box.width)
 
     def nearest(self, p: Array, k: int) -> tuple[Array, Ints]:
-        """The ``k`` nearest of the stored parameters, nearest first, or all of them where there are fewer.
+        """Distances in box widths and rows of the ``k`` ≥ 1 stored parameters nearest to ``p`` (B, np), both (B, k).
 
-        Args:
-            p: (B, np).
-            k: how many, at least 1.
-
-        Returns:
-            distances in box widths, (B, k), and rows of the stored parameters, (B, k).
+        The nearest come first; where fewer are stored, these are all of them.
         """
         distance, rows = self._tree.query(p / self._width, k=range(1, min(k, self._tree.n) + 1))
         return np.asarray(distance), np.asarray(rows, dtype=np.int64)

@@ -14,12 +14,7 @@ from ocp_envs.data.worker import PATIENCE, Chunk
 
 
 def rounds(database: Database, settings: GenerationSettings) -> list[range]:
-    """Chunk numbers of every round: n₀, 2n₀, 4n₀ … instances, in whole chunks.
-
-    Args:
-        database: whose chunks.
-        settings: with n₀ and the size of a chunk.
-    """
+    """Chunk numbers of every round of ``database``: n₀, 2n₀, 4n₀ … instances, in whole chunks, as in ``settings``."""
     size = max(1, -(-settings.first // settings.chunk))
     rounds, begin = [], 0
     while begin < database.chunks:
@@ -30,13 +25,9 @@ def rounds(database: Database, settings: GenerationSettings) -> list[range]:
 
 
 def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: range) -> Iterator[Chunk]:
-    """The tasks of a round that are not done yet.
+    """The tasks of the round with the numbers ``chunks`` that are not done yet, from what ``database`` holds.
 
-    Args:
-        database: with the solutions of earlier rounds.
-        settings: how chunks are solved.
-        seed: of the random guesses.
-        chunks: numbers of the chunks of the round.
+    They are solved with ``settings``; ``seed`` determines their random guesses.
     """
     problem = database.problem
     payload = cloudpickle.dumps(problem)

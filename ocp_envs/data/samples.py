@@ -56,13 +56,9 @@ class Samples(Batch):
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, mode: Ints) -> Samples:
-        """Samples whose costs and multipliers are unknown; see the class for the arguments.
+        """Samples of ``problem`` whose costs and multipliers are unknown.
 
-        Args:
-            problem: the problem.
-            parameters: (M, np).
-            trajectory: M optimal trajectories.
-            mode: (M,).
+        Given are ``parameters`` (M, np), M optimal trajectories ``trajectory`` and their families ``mode`` (M,).
         """
         count, modes = len(parameters), len(problem.modes)
         unknown = np.full(count, np.nan)

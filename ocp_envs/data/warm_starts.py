@@ -26,12 +26,7 @@ class _Family(NamedTuple):
 
 
 class Library:
-    """The solutions of finished rounds, by nearest parameters.
-
-    Args:
-        database: where they are.
-        count: how many of its rows belong to finished rounds.
-    """
+    """The solutions of finished rounds, the first ``count`` rows of ``database``, by nearest parameters."""
 
     def __init__(self, database: Database, count: int) -> None:
         box, parameters = database.problem.parameters, database.stored_parameters(slice(0, count))
@@ -52,15 +47,10 @@ class Library:
                 self._families[mode] = _Family(Neighbours(box, parameters[rows]), z)
 
     def warm_starts(self, parameters: Array, settings: GenerationSettings) -> tuple[Ints, Floats]:
-        """The warm starts of B instances.
-
-        Args:
-            parameters: (B, np).
-            settings: how many neighbours are considered, and what is taken from them.
+        """The W warm starts of the B instances with ``parameters`` (B, np), as ``settings`` say.
 
         Returns:
-            which instance each of W warm starts belongs to, (W,), ascending, and the warm starts in the flat layout,
-            (W, flat_size).
+            which instance each belongs to, (W,), ascending, and the warm starts in the flat layout, (W, flat_size).
         """
         wanted = self._wanted(parameters, settings)
         owner, guess = [np.empty(0, np.int64)], []
@@ -100,15 +90,11 @@ def _fitted(family: _Family, parameters: Array, count: int) -> Floats | None:
 
 
 def local_fit(offsets: Array, distance: Array, values: Floats) -> Floats:
-    """Value at offset 0 of a linear function fitted to the K nearest values, (B, m).
+    """Value at offset 0 of a linear function fitted to the ``values`` (B, K, m) of K neighbours, (B, m).
 
-    Least squares with the weights 1 − (d / d_K)² of Epanechnikov's kernel and a small ridge on the slopes, which counts
-    where the neighbours do not span all directions (Cleveland & Devlin, *Locally weighted regression*, 1988).
-
-    Args:
-        offsets: of the neighbours' parameters, (B, K, np).
-        distance: their lengths, (B, K), ascending.
-        values: of the neighbours, (B, K, m).
+    Their parameters have ``offsets`` (B, K, np) with lengths ``distance`` (B, K), ascending. Least squares with the
+    weights 1 − (d / d_K)² of Epanechnikov's kernel and a small ridge on the slopes, which counts where the neighbours
+    do not span all directions (Cleveland & Devlin, *Locally weighted regression*, 1988).
     """
     reach = np.maximum(distance[:, -1:], np.finfo(float).tiny)
     weights = np.maximum(1 - (distance / reach) ** 2, _MINIMUM_WEIGHT)

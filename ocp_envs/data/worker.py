@@ -31,17 +31,10 @@ PATIENCE = 2
 
 @dataclass(frozen=True, eq=False)
 class Chunk:
-    """A task: B instances and their guesses.
+    """A task: the chunk ``number`` of a database, B instances of ``problem`` (pickled) with ``parameters`` (B, np).
 
-    Args:
-        number: which chunk of the database it is.
-        problem: the problem, pickled by value.
-        settings: how it is solved.
-        seed: of the random guesses.
-        parameters: (B, np).
-        owner: which instance each of W warm starts belongs to, (W,).
-        z: the warm starts in the flat layout, (W, flat_size).
-        cold: random guesses for every winding of each instance, (B,).
+    They are solved with ``settings``, from W warm starts ``z`` (W, flat_size) in the flat layout, which belong to the
+    instances ``owner`` (W,), and from ``cold`` (B,) random guesses for every winding, which ``seed`` determines.
     """
 
     number: int
@@ -57,48 +50,44 @@ class Chunk:
 #: Which instance of the chunk each solve belongs to, and how the solves ended.
 _Solves = tuple[Ints, Solutions]
 #: What each thread that solves keeps from task to task.
-_kept = threading.local()
+KEPT = threading.local()
 
 
-def _worker(payload: bytes, settings: SolverSettings) -> tuple[OptimalControlProblem, GuardedSolver]:
-    """The problem and this thread's solver child, which replaces a child for another problem or other settings."""
+def kept_solver(payload: bytes, settings: SolverSettings) -> GuardedSolver:
+    """This thread's solver of the pickled problem ``payload`` with ``settings``; it replaces one for anything else."""
     # By process: a forked process must neither talk to its parent's child nor end it.
-    kept: dict[int, tuple[tuple[bytes, SolverSettings], GuardedSolver]]
-    kept = _kept.__dict__.setdefault("solvers", {})
-    key, solver = kept.get(os.getpid(), (None, None))
+    solvers: dict[int, tuple[tuple[bytes, SolverSettings], GuardedSolver]]
+    solvers = KEPT.__dict__.setdefault("solvers", {})
+    key, solver = solvers.get(os.getpid(), (None, None))
     if solver is None or key != (payload, settings):
         if solver is not None:
             solver.close()
         solver = GuardedSolver(cloudpickle.loads(payload), settings)
-        kept[os.getpid()] = (payload, settings), solver
-    return solver.problem, solver
+        solvers[os.getpid()] = (payload, settings), solver
+    return solver
 
 
 def solve_chunk(chunk: Chunk) -> StoredRows:
     """Solve all instances of ``chunk``, in a process that keeps one solver child for each thread that solves."""
-    problem, solver = _worker(chunk.problem, chunk.settings.solver)
+    solver = kept_solver(chunk.problem, chunk.settings.solver)
+    problem = solver.problem
     solves: list[_Solves] = []
     if len(chunk.owner):
         p = chunk.parameters[chunk.owner]
         windings = np.full(len(p), NEAREST_WINDING)
         solves.append((chunk.owner, solver.solve(p, start_from(problem, p, chunk.z), windings)))
-    solves += _multistart(problem, solver, chunk)
+    solves += _multistart(solver, chunk)
     solved = np.concatenate([owner[found.solved] for owner, found in solves])
-    solves.append(_last_resort(problem, solver, chunk, np.setdiff1d(np.arange(len(chunk.parameters)), solved)))
+    solves.append(_last_resort(solver, chunk, np.setdiff1d(np.arange(len(chunk.parameters)), solved)))
     owners, solutions = zip(*solves)
     return _rows(problem, chunk.parameters, np.concatenate(owners), Solutions.concatenate(solutions))
 
 
 def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
-    """Guesses from the solutions of neighbours, or from a fit through them.
+    """Guesses for instances of ``problem`` with ``parameters`` (B, np), from their initial states.
 
-    Args:
-        problem: the problem.
-        parameters: (B, np).
-        z: trajectories of other instances in the flat layout, (B, flat_size).
-
-    Returns:
-        B trajectories, clipped to the boxes, from the initial states of ``parameters``.
+    They are made of trajectories ``z`` (B, flat_size) of other instances, or of fits through these, clipped to the
+    boxes of states, controls and duration.
     """
     guess, state, control = problem.unflatten(z), problem.system.state, problem.system.control
     states = np.clip(guess.states, state.lower, state.upper)
@@ -113,8 +102,9 @@ def _every_winding(problem: OptimalControlProblem, rows: Ints) -> tuple[Ints, In
     return np.repeat(rows, count), np.tile(np.arange(count), len(rows))
 
 
-def _multistart(problem: OptimalControlProblem, solver: GuardedSolver, chunk: Chunk) -> Iterator[_Solves]:
+def _multistart(solver: GuardedSolver, chunk: Chunk) -> Iterator[_Solves]:
     """Solves from random guesses; windings that keep failing are given up."""
+    problem = solver.problem
     owner, windings = _every_winding(problem, np.arange(len(chunk.parameters)))
     reached = np.zeros(len(owner), dtype=bool)
     rng = np.random.default_rng(chunk.seed)
@@ -131,10 +121,10 @@ def _multistart(problem: OptimalControlProblem, solver: GuardedSolver, chunk: Ch
         yield owner[tried], found
 
 
-def _last_resort(problem: OptimalControlProblem, solver: GuardedSolver, chunk: Chunk, rows: Ints) -> _Solves:
+def _last_resort(solver: GuardedSolver, chunk: Chunk, rows: Ints) -> _Solves:
     """Solves of ``rows``, which have no solution: from a line to every winding, retried with the fallback solver."""
-    owner, windings = _every_winding(problem, rows)
-    line = guesses(problem, chunk.parameters[owner], windings, np.random.default_rng(chunk.seed), "line")
+    owner, windings = _every_winding(solver.problem, rows)
+    line = guesses(solver.problem, chunk.parameters[owner], windings, np.random.default_rng(chunk.seed), "line")
     return owner, solver.solve(chunk.parameters[owner], line, windings, retry_with_fallback=True)
 
 

@@ -26,14 +26,11 @@ RTOL, ATOL = 1e-10, 1e-12
 
 @dataclass(frozen=True, eq=False)
 class Accuracy:
-    """Errors of plans against the true equation; NaN where it cannot be integrated.
+    """Errors of B plans for ``problem`` against the true equation; NaN where it cannot be integrated.
 
-    Args:
-        problem: the problem.
-        interval: true state at the end of every interval, from the stored knot before it, minus the stored one,
-            (B, N − 1, nx).
-        open_loop: true state at t_f, from x_0, minus the stored one, (B, nx).
-        goal: distance of the true state at t_f from the goal, (B,).
+    ``interval`` (B, N − 1, nx) is the true state at the end of every interval, from the stored knot before it, minus
+    the stored one; ``open_loop`` (B, nx) is the true state at t_f, from x_0, minus the stored one, and ``goal`` (B,)
+    the distance of the former from the goal.
     """
 
     problem: OptimalControlProblem
@@ -42,12 +39,7 @@ class Accuracy:
     goal: Array
 
     def errors(self, kind: str, scaled: bool) -> Array:
-        """Norms of the errors that are finite.
-
-        Args:
-            kind: ``"interval"`` or ``"open_loop"``.
-            scaled: of the errors divided by the scales of their coordinates; otherwise in state units.
-        """
+        """Norms of the finite errors of a ``kind``, "interval" or "open_loop", in state units or in ``scaled`` ones."""
         error = getattr(self, kind) / (self.problem.system.state.scale if scaled else 1.0)
         norm = np.linalg.norm(error, axis=-1).ravel()
         return np.asarray(norm[np.isfinite(norm)])
@@ -68,12 +60,8 @@ class Accuracy:
 def integrate(rate: BatchFunction, x: Array, u: Array, s: Array, h: Array) -> Array:
     """True final states (R, nx); NaN in a row that cannot be integrated, for instance as it escapes to infinity.
 
-    Args:
-        rate: the problem's :meth:`~ocp_envs.problem.OptimalControlProblem.batch_rate`.
-        x: initial states, (R, nx).
-        u: constant controls, (R, nu).
-        s: contexts, (R, nc).
-        h: durations in seconds, (R,).
+    The motions under ``rate`` (:meth:`~ocp_envs.problem.OptimalControlProblem.batch_rate`) begin at ``x`` (R, nx) and
+    last ``h`` (R,) seconds, with constant controls ``u`` (R, nu) and contexts ``s`` (R, nc).
     """
     rows, shape = len(x), x.shape
     finite = np.isfinite(x).all(axis=1)
@@ -98,13 +86,7 @@ def integrate(rate: BatchFunction, x: Array, u: Array, s: Array, h: Array) -> Ar
 
 
 def accuracy(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory) -> Accuracy:
-    """Errors of plans against the true equation.
-
-    Args:
-        problem: the problem.
-        parameters: (B, np), B ≥ 1.
-        trajectory: B plans.
-    """
+    """Errors of B ≥ 1 plans ``trajectory`` for ``problem`` with ``parameters`` (B, np) against the true equation."""
     size, intervals, nu = trajectory.controls.shape
     nx, rate = problem.system.nx, problem.batch_rate()
     initial, contexts = problem.start(parameters)

@@ -21,12 +21,7 @@ class Gone(Exception):
 
 
 class Channel:
-    """One end of a connection.
-
-    Args:
-        source: file descriptor to read from.
-        sink: file descriptor to write to.
-    """
+    """One end of a connection, which reads from the file descriptor ``source`` and writes to ``sink``."""
 
     def __init__(self, source: int, sink: int) -> None:
         self._source, self._sink, self._pending = source, sink, bytearray()
@@ -46,10 +41,7 @@ class Channel:
             raise Gone from error
 
     def receive(self, limit: float | None = None) -> Any:
-        """The next message.
-
-        Args:
-            limit: time to wait for all of it, in seconds; for ever where ``None``.
+        """The next message; all of it must arrive within ``limit`` seconds, if given.
 
         Raises:
             Silent: it did not arrive in time.

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.trajectory import Trajectory
 
 DEFECT_TOLERANCE = 1e-6
@@ -22,33 +21,24 @@ COST_TOLERANCE = 1e-6
 class Check:
     """Results of the check of B trajectories, each (B,); NaN where a trajectory is not finite.
 
-    Args:
-        defect: maximum error of the initial state and of x_{k+1} − F(x_k, u_k), in scaled units.
-        goal: maximum distance of a final coordinate from the goal (modulo whole turns), in scaled units.
-        bounds: maximum excess over a bound of state, control or duration, in scaled units.
-        path: maximum violation of the path constraint at the knots, in its own unit.
-        cost: the recomputed cost.
-        passed: whether all are within tolerance.
+    Maxima of ``defect``, ``goal`` and ``bounds`` in scaled units and of ``path`` in the unit of the constraint, the
+    recomputed ``cost``, and whether all are within tolerance, ``passed``.
     """
 
-    defect: Array
-    goal: Array
-    bounds: Array
-    path: Array
+    defect: Array  #: error of the initial state and of x_{k+1} − F(x_k, u_k)
+    goal: Array  #: distance of a final coordinate from the goal, modulo whole turns
+    bounds: Array  #: excess over a bound of state, control or duration
+    path: Array  #: violation of the path constraint at the knots
     cost: Array
-    passed: NDArray[np.bool_]
+    passed: Bools
 
 
 def verify(
     problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, cost: Array | None = None
 ) -> Check:
-    """Check trajectories against the problem they claim to solve.
+    """Check B trajectories ``trajectory`` against the instances of ``problem`` with ``parameters`` (B, np).
 
-    Args:
-        problem: the problem.
-        parameters: (B, np).
-        trajectory: B trajectories.
-        cost: claimed costs (B,), compared with the recomputed ones where given.
+    The claimed costs ``cost`` (B,), if given, are compared with the recomputed ones.
     """
     size, knots, nx = trajectory.states.shape
     initial, contexts = problem.start(parameters)
@@ -84,12 +74,9 @@ def _excess(problem: OptimalControlProblem, trajectory: Trajectory) -> Array:
 
 
 def path_violation(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
-    """Maximum violation of the path constraints at the knots, (B,), in the clearances' unit; 0 without constraints.
+    """Maximum violation of the path constraints of ``problem`` at the knots, (B,), in the clearances' unit.
 
-    Args:
-        problem: the problem.
-        trajectory: B trajectories; one that is not finite gives NaN.
-        contexts: (B, nc).
+    0 without constraints; NaN for a ``trajectory`` that is not finite. The instances have ``contexts`` (B, nc).
     """
     if not problem.n_clearances:
         return np.zeros(len(trajectory))

@@ -43,10 +43,7 @@ Factory = Callable[[Transcription, SolverSettings], TaskSolver]
 class Child:
     """The process and the channel to it; ends with ``kill``, with this object or with the interpreter.
 
-    Args:
-        factory: makes the solver.
-        transcription: the program.
-        settings: settings of the solves.
+    In the process, ``factory`` makes the solver of the program ``transcription`` with ``settings``.
 
     Raises:
         RuntimeError: the process ended before it was ready, or took too long; the message holds what it printed.

@@ -24,7 +24,7 @@ from pathlib import Path
 import casadi as ca
 from filelock import FileLock
 
-from ocp_envs.support.machine import cpu_model
+from ocp_envs.support.provenance import cpu_model
 
 #: -O1 evaluates as fast as -O2 here (within 3 %) and compiles in two thirds of the time. ``-w``: the C is generated.
 FLAGS = ("-O1", "-fPIC", "-shared", "-w")
@@ -77,10 +77,7 @@ def _compiler_version(compiler: str) -> str:
 def build_solver(plugin: str, nlp: ca.Function, options: dict[str, object]) -> ca.Function:
     """``casadi.nlpsol`` with compiled functions; with interpreted ones and one warning where that is impossible.
 
-    Args:
-        plugin: "fatrop" or "ipopt".
-        nlp: (x, p) → (f, g).
-        options: options of ``nlpsol``.
+    The ``plugin`` is "fatrop" or "ipopt", ``nlp`` the function (x, p) → (f, g); ``options`` are those of ``nlpsol``.
 
     Raises:
         RuntimeError: CasADi refuses the program or the options.

@@ -29,10 +29,7 @@ _KEPT_TIMES = 1000
 class Guard:
     """A solver in a child process, started with the first task; not to be shared between threads.
 
-    Args:
-        transcription: the program.
-        settings: settings of the solves, and the time limit.
-        factory: makes the solver in the child.
+    In the child, ``factory`` makes the solver of the program ``transcription`` with ``settings``.
     """
 
     def __init__(self, transcription: Transcription, settings: SolverSettings, factory: Factory = NlpSolver) -> None:

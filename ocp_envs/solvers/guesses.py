@@ -38,14 +38,11 @@ def guesses(
     rng: np.random.Generator,
     kind: GuessKind = "drift",
 ) -> Trajectory:
-    """One guess for each of B instances.
+    """One guess of a ``kind`` (:data:`GuessKind`) for each instance of ``problem`` with ``parameters`` (B, np).
 
-    Args:
-        problem: the problem.
-        parameters: (B, np).
-        windings: (B,) indices into ``problem.targets``.
-        rng: source of the random controls (piecewise constant) and of t_f (uniform in the third quarter of its range).
-        kind: see :data:`GuessKind`.
+    It ends at the target of its winding, an index into ``problem.targets`` in ``windings`` (B,), unless it is a
+    rollout. The random controls (piecewise constant) and t_f (uniform in the third quarter of its range) come from
+    ``rng``.
 
     Raises:
         ValueError: an unknown kind.

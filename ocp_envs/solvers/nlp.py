@@ -75,14 +75,10 @@ _SECOND_DURATION = 0.75
 
 
 class Task(NamedTuple):
-    """One solve in scaled variables.
+    """One solve in scaled variables, from ``guess`` w (nw,), for ``parameter`` [x_0; s] (nx + nc,).
 
-    Args:
-        guess: w, (nw,).
-        parameter: [x_0; s], (nx + nc,).
-        target: index of the goal state.
-        retry_with_fallback: whether the fallback solver continues where the primary solver did not converge; where it
-            broke down the fallback is used in any case.
+    The goal state has the index ``target``. Where the primary solver does not converge, the fallback continues if
+    ``retry_with_fallback``; where it breaks down the fallback is used in any case.
     """
 
     guess: Array
@@ -92,16 +88,10 @@ class Task(NamedTuple):
 
 
 class Result(NamedTuple):
-    """How one solve ended.
+    """How one solve ended: ``status``, ``iterations`` of both solvers, use of the ``fallback``, time in ``seconds``.
 
-    Args:
-        status: SOLVED or how it failed.
-        w: scaled variables, (nw,); meaningless unless SOLVED.
-        cost: J; meaningless unless SOLVED.
-        multipliers: of the clearances at the knots k ≥ 1, (N − 1, nh); meaningless unless SOLVED.
-        iterations: of both solvers together.
-        fallback: whether the fallback solver was used.
-        seconds: time of the solve.
+    The scaled variables ``w`` (nw,), the ``cost`` J and the ``multipliers`` (N − 1, nh) of the clearances at the knots
+    k ≥ 1 are meaningless unless SOLVED.
     """
 
     status: Status
@@ -122,12 +112,7 @@ class Outcome(enum.Enum):
 
 
 class NlpSolver:
-    """The primary and the fallback solver of one program; not to be shared between threads.
-
-    Args:
-        transcription: the program.
-        settings: which solver goes first, tolerance and iteration limits.
-    """
+    """The two solvers of the program ``transcription``, as ``settings`` say; not to be shared between threads."""
 
     def __init__(self, transcription: Transcription, settings: SolverSettings) -> None:
         nlp, s = transcription.nlp, settings
@@ -135,16 +120,14 @@ class NlpSolver:
         self._bounds = [transcription.bounds(target) for target in transcription.targets]
         options = _options(transcription, s.primary, s.tolerance, s.max_iterations)
         self.primary = Backend(transcription, build_solver(s.primary, nlp, options))
-        # Rarely needed, and most of IPOPT's time goes into its linear algebra: not worth a compilation.
+        # Rarely needed, and IPOPT spends most of its time on linear algebra: not worth a compilation.
         options = _options(transcription, s.fallback, s.tolerance, s.fallback_iterations)
         self.fallback = Backend(transcription, ca.nlpsol("fallback", s.fallback, nlp, options))
 
     def solve(self, task: Task, skip_primary: bool = False) -> Result:
-        """Solve with the primary solver, in two attempts, then where necessary with the fallback.
+        """Solve ``task`` with the primary solver, in two attempts, then where necessary with the fallback.
 
-        Args:
-            task: what to solve.
-            skip_primary: use the fallback at once.
+        With ``skip_primary`` the fallback is used at once.
         """
         began = time.perf_counter()
         bounds = self._bounds[task.target]
@@ -183,12 +166,7 @@ def _options(transcription: Transcription, plugin: str, tolerance: float, max_it
 
 
 class Backend:
-    """One solver, called through fixed memory, which saves the conversion of every argument.
-
-    Args:
-        transcription: the program.
-        solver: CasADi's solver of it.
-    """
+    """CasADi's ``solver`` of the program ``transcription``, called through fixed memory, without conversions."""
 
     def __init__(self, transcription: Transcription, solver: ca.Function) -> None:
         self._buffer, self._call = solver.buffer()
@@ -204,12 +182,7 @@ class Backend:
         self.w, self.cost, self.lam_g = outputs["x"], outputs["f"], outputs["lam_g"]
 
     def run(self, task: Task, lower: Array, upper: Array) -> tuple[Outcome, int]:
-        """Solve into ``w``, ``cost`` and ``lam_g``.
-
-        Args:
-            task: what to solve.
-            lower: bounds of w, (nw,).
-            upper: bounds of w, (nw,).
+        """Solve ``task`` into ``w``, ``cost`` and ``lam_g``, with bounds ``lower`` and ``upper`` (nw,) of w.
 
         Returns:
             how it ended, and the number of iterations.

@@ -68,15 +68,10 @@ def make_tasks(
     windings: NDArray[np.integer],
     retry_with_fallback: bool = True,
 ) -> list[Task]:
-    """The solves of a batch in scaled variables.
+    """The solves of instances of ``problem`` with ``parameters`` (B, np) in scaled variables of ``transcription``.
 
-    Args:
-        problem: the problem.
-        transcription: its nonlinear program.
-        parameters: (B, np).
-        guesses: B trajectories.
-        windings: (B,) indices into ``problem.targets``, or :data:`~ocp_envs.solvers.guesses.NEAREST_WINDING`.
-        retry_with_fallback: whether the fallback solver retries where the primary solver did not converge.
+    The other arguments, ``guesses``, ``windings`` and ``retry_with_fallback``, are those of
+    :meth:`~ocp_envs.solvers.solver.GuardedSolver.solve`.
 
     Raises:
         ValueError: shapes or windings that do not fit, or guesses that are not finite.
@@ -104,13 +99,9 @@ def make_tasks(
 def collect(
     problem: OptimalControlProblem, transcription: Transcription, parameters: Array, results: Iterable[Result]
 ) -> Solutions:
-    """Solutions in physical units, each checked independently of the solver.
+    """Solutions in physical units, each checked independently of the solver, from the B ``results`` of its solves.
 
-    Args:
-        problem: the problem.
-        transcription: its nonlinear program.
-        parameters: (B, np).
-        results: how the B solves ended.
+    The instances of ``problem``, whose program is ``transcription``, have ``parameters`` (B, np).
     """
     size, control = len(parameters), problem.system.control
     statuses, w, costs, held, iterations, fallback, seconds = zip(*results) if size else ([],) * 7
@@ -137,15 +128,9 @@ def collect(
 
 
 def best_per_mode(problem: OptimalControlProblem, parameters: Array, solutions: Solutions) -> Solutions:
-    """The cheapest solution of each solution family.
+    """The cheapest of the ``solutions`` of one instance in each solution family of ``problem``; EMPTY without any.
 
-    Args:
-        problem: the problem.
-        parameters: of one instance, (np,).
-        solutions: any number of solutions of this instance.
-
-    Returns:
-        one row for each family of the problem; EMPTY where there is none.
+    The instance has ``parameters`` (np,).
     """
     found = np.flatnonzero(solutions.solved)
     found = found[np.argsort(solutions.cost[found], kind="stable")]  # of equal costs the earlier solve wins

@@ -42,14 +42,10 @@ class Runner(Protocol):
 
 
 class GuardedSolver:
-    """Solves problem instances in a child process, which is replaced where a solve hangs or crashes.
+    """Solves instances of ``problem`` in a child process, which is replaced where a solve hangs or crashes.
 
-    The child starts with the first solve and ends with ``close``, the context or this process.
-
-    Args:
-        problem: the problem.
-        settings: settings of the solves.
-        runner: makes what runs the solves; by default a child process under guard.
+    The child starts with the first solve and ends with ``close``, the context or this process. The ``settings`` are
+    those of the solves; ``runner`` makes what runs them.
     """
 
     def __init__(
@@ -89,8 +85,7 @@ class GuardedSolver:
         Args:
             parameters: (B, np).
             guesses: B trajectories.
-            windings: (B,) indices into ``problem.targets``, or
-                :data:`~ocp_envs.solvers.guesses.NEAREST_WINDING`.
+            windings: (B,) indices into ``problem.targets``, or :data:`~ocp_envs.solvers.guesses.NEAREST_WINDING`.
             retry_with_fallback: whether the fallback solver retries where the primary solver did not converge. With
                 many guesses the next guess usually succeeds sooner. Where the primary solver breaks down, hangs or
                 crashes, the fallback is used in any case.
@@ -157,7 +152,7 @@ def solve(
     """
     parameters = problem.check_parameters(p, extrapolate)
     if len(parameters) != 1 or starts < 1:
-        raise ValueError(f"solve takes one parameter and starts ≥ 1, got {len(parameters)} and {starts}")
+        raise ValueError(f"solve takes one instance and starts ≥ 1, got {len(parameters)} and {starts}")
     rng, count = np.random.default_rng(seed), len(problem.targets)
     windings = np.arange(count)
     repeated = np.repeat(parameters, count, axis=0)

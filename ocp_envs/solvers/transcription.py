@@ -138,9 +138,8 @@ class Transcription:
     def clearance_multipliers(self, lam_g: Array) -> Array:
         """Multipliers of the clearances at the knots k ≥ 1, (N − 1, nh), positive where the constraint is active.
 
-        Args:
-            lam_g: CasADi's multipliers of g, (ng,), negative at lower bounds. Clearances and cost are not scaled, so
-                these are −∂J/∂(clearance), in units of cost per unit of clearance.
+        CasADi's multipliers ``lam_g`` (ng,) of g are negative at lower bounds. Clearances and cost are not scaled, so
+        these are −∂J/∂(clearance), in units of cost per unit of clearance.
         """
         return np.maximum(-lam_g[self.clearance_rows], 0.0)
 

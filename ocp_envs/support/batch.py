@@ -18,12 +18,9 @@ _KEPT_SIZES = 8
 
 
 def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
-    """A function whose outputs are dense, as :class:`BatchFunction` needs (structural zeros have no memory).
+    """The function ``name`` from the symbols ``inputs`` to the expressions ``outputs`` of them, made dense.
 
-    Args:
-        name: of the function.
-        inputs: symbols.
-        outputs: expressions of them.
+    :class:`BatchFunction` needs this: structural zeros have no memory.
     """
     return ca.Function(name, inputs, [ca.densify(output) for output in outputs])
 

@@ -12,16 +12,9 @@ TOLERANCE = 1e-6
 
 
 def count_steps(duration: ArrayLike, step: float) -> Ints:
-    """⌈duration/step⌉, the number of time steps that cover a duration, up to :data:`TOLERANCE`.
+    """⌈duration/step⌉, the number of time steps of length ``step`` that cover ``duration``, up to :data:`TOLERANCE`.
 
-    The tolerance absorbs rounding, in 0.3/0.1 = 2.9999999999999996 as in 2.1/0.3 = 7.000000000000001, and that of an
-    optimised duration.
-
-    Args:
-        duration: s, a number or an array of any shape.
-        step: length of a time step, s.
-
-    Returns:
-        Integers of the shape of ``duration``.
+    Both are in seconds; the result has the shape of ``duration``. The tolerance absorbs rounding, in 0.3/0.1 =
+    2.9999999999999996 as in 2.1/0.3 = 7.000000000000001, and that of an optimised duration.
     """
     return np.asarray(np.ceil(np.asarray(duration) / step - TOLERANCE), dtype=np.int64)

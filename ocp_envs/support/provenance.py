@@ -13,13 +13,13 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ocp_envs.support.files import replacing
-from ocp_envs.support.machine import cpu_model
 
 #: A list without lists, dictionaries or texts in it, over several lines; no text of JSON has a line's end in it.
 _NUMBERS = re.compile(r"\[\n([^\[\]{}\"]*)\n *\]")
@@ -33,14 +33,9 @@ _REQUIREMENT = re.compile(r"([\w.-]+)(?:.*\bextra\s*==\s*['\"]([\w.-]+))?")
 class Provenance:
     """Where a result comes from.
 
-    Args:
-        date: UTC, ISO 8601 to the second.
-        commit: of the git checkout, with ``+`` where files were changed; ``None`` outside of one.
-        python: version.
-        platform: operating system and its version.
-        cpu: model of the processor.
-        cores: number of its logical cores; ``None`` where unknown.
-        versions: package → version, of those that are installed.
+    The ``date`` is UTC, ISO 8601 to the second; the ``commit`` of the git checkout has a ``+`` where files were
+    changed. The ``platform`` is the operating system and its version; ``python`` and the ``versions`` of installed
+    packages are texts; ``cpu`` is the model of the processor and ``cores`` the number of its logical cores.
     """
 
     date: str
@@ -66,6 +61,16 @@ class Provenance:
         if list(content) != expected:
             raise ValueError(f"expected a provenance with the keys {', '.join(expected)}, got {', '.join(content)}")
         return cls(**content)
+
+
+@cache
+def cpu_model() -> str:
+    """Name of the processor."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
 
 
 def provenance() -> Provenance:
@@ -98,8 +103,7 @@ def _versions() -> dict[str, str]:
 def peak_memory_gb(descendants: bool = False) -> float:
     """Peak memory so far in GB (2³⁰ bytes), including the pages in memory of mapped files.
 
-    Args:
-        descendants: of the largest descendant that has ended, instead of this process.
+    It is that of this process, or of the largest of its ``descendants`` that have ended.
     """
     import resource  # only POSIX has it
 
@@ -115,9 +119,7 @@ def _commit() -> str | None:
         return None
 
     def git(*arguments: str) -> str:
-        return subprocess.run(
-            ["git", *arguments], cwd=folder, capture_output=True, text=True, check=True
-        ).stdout.strip()
+        return subprocess.check_output(["git", *arguments], cwd=folder, text=True, stderr=subprocess.DEVNULL).strip()
 
     try:
         return git("rev-parse", "HEAD") + ("+" if git("status", "--porcelain", "--untracked-files=no") else "")
@@ -138,13 +140,9 @@ def _plain(value: object) -> object:
 
 
 def write_json(path: str | os.PathLike[str], content: Mapping[str, object]) -> None:
-    """Write ``content`` as indented JSON, in one step: a reader sees the old file or the new one, never half of one.
+    """Write ``content`` as indented JSON to the file ``path``, in one step; its folder is made.
 
     NumPy arrays and numbers become lists and numbers; a list of numbers stands on one line.
-
-    Args:
-        path: of the file; its folder is made.
-        content: what to write.
 
     Raises:
         TypeError, ValueError: something that JSON cannot hold, such as NaN or infinity; the old file stays.

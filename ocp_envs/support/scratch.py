@@ -19,19 +19,14 @@ Value = TypeVar("Value", bound=np.generic)
 LARGE = 256 * 2**20
 
 
-def empty(shape: tuple[int, ...], dtype: type[Value], large: int | None = None) -> NDArray[Value]:
-    """An array with undefined values.
-
-    Args:
-        shape: of the array.
-        dtype: of its values.
-        large: number of bytes above which it is in a file; by default :data:`LARGE`.
+def empty(shape: tuple[int, ...], dtype: type[Value]) -> NDArray[Value]:
+    """An array of ``shape`` and ``dtype`` with undefined values, in a file where it exceeds :data:`LARGE`.
 
     Raises:
         OSError: not enough space on the disk.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
-    if size <= (LARGE if large is None else large):
+    if size <= LARGE:
         return np.empty(shape, dtype)
     with tempfile.TemporaryFile(prefix="ocp_envs-") as file:  # has no name, so nothing is left behind by a crash
         return np.asarray(np.memmap(file, dtype=dtype, mode="w+", shape=shape))

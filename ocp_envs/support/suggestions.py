@@ -10,11 +10,6 @@ CUTOFF = 0.3
 
 
 def did_you_mean(name: object, names: Iterable[str]) -> str:
-    """A question for an error message, such as ``"did you mean 'snn'? "``; empty where no name is similar.
-
-    Args:
-        name: that was given.
-        names: that exist.
-    """
+    """A question such as ``"did you mean 'snn'? "`` where one of the ``names`` is similar to ``name``; else empty."""
     nearest = difflib.get_close_matches(str(name), list(names), n=1, cutoff=CUTOFF)
     return f"did you mean {nearest[0]!r}? " if nearest else ""

@@ -1,3 +1,4 @@
+import threading
 import warnings
 
 import pytest
@@ -24,10 +25,9 @@ def _interpreted():
 def unguarded(monkeypatch):
     for module in (worker, generation):
         monkeypatch.setattr(module, "GuardedSolver", Unguarded)
-    worker._kept.__dict__.clear()
+    monkeypatch.setattr(worker, "KEPT", threading.local())
     Unguarded.asked.clear()
-    yield Unguarded
-    worker._kept.__dict__.clear()
+    return Unguarded
 
 
 @pytest.fixture(scope="module")

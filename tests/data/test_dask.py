@@ -24,8 +24,7 @@ from ocp_envs.data.worker import solve_chunk
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
 from ocp_envs.sets.splits import InstanceSet, ProblemSets
-from ocp_envs.support import dask
-from ocp_envs.support.dask import TasksInFlight
+from ocp_envs.support.workers import TasksInFlight, Workers
 
 distributed = pytest.importorskip("distributed")
 ROOT = Path(__file__).resolve().parents[2]
@@ -177,8 +176,8 @@ def test_the_size_of_a_cluster_is_looked_up_now_and_then():
 
 
 def test_only_an_executor_of_dask_is_taken_for_one(client):
-    assert dask.workers_of(ThreadPoolExecutor(1)) is None
-    assert distributed.KilledWorker in dask.workers_of(client.get_executor()).lost
+    assert distributed.KilledWorker not in Workers.of(ThreadPoolExecutor(1)).lost
+    assert distributed.KilledWorker in Workers.of(client.get_executor()).lost
 
 
 @pytest.mark.slow

@@ -86,9 +86,9 @@ def test_threads_that_solve_have_one_child_each(monkeypatch):
 
     def use(_):
         barrier.wait()
-        first = worker._worker(payload, SMALL.solver)[1]
-        assert worker._worker(payload, SMALL.solver)[1] is first
-        assert worker._worker(other, SMALL.solver)[1] is not first
+        first = worker.kept_solver(payload, SMALL.solver)
+        assert worker.kept_solver(payload, SMALL.solver) is first
+        assert worker.kept_solver(other, SMALL.solver) is not first
         assert first.closed
         return first
 

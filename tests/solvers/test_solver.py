@@ -173,7 +173,7 @@ def test_bad_arguments_say_what_is_wrong(pendulum):
         guesses(PENDULUM, p, windings, np.random.default_rng(0), "spiral")
 
 
-# -- the best of one parameter ---------------------------------------------------------------------------------------
+# -- the best of one instance ----------------------------------------------------------------------------------------
 
 
 def test_solve_finds_every_mode():
@@ -191,7 +191,7 @@ def test_solve_refuses_bad_parameters():
         solve(PENDULUM, [7.0, 0.0])
     with pytest.raises(ValueError, match="finite"):
         solve(PENDULUM, [np.nan, 0.0], extrapolate=True)
-    with pytest.raises(ValueError, match="one parameter"):
+    with pytest.raises(ValueError, match="one instance"):
         solve(PENDULUM, [[0.0, 0.0], [1.0, 0.0]])
 
 

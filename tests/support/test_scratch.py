@@ -20,7 +20,8 @@ def test_large_arrays_hold_what_is_written_and_leave_no_file(dtype, monkeypatch,
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     values = np.random.default_rng(0).random((100, 7)).astype(dtype)
     for large in (0, 10**9):
-        array = scratch.empty(values.shape, dtype, large)
+        monkeypatch.setattr(scratch, "LARGE", large)
+        array = scratch.empty(values.shape, dtype)
         array[:] = values
         assert array.dtype == dtype
         np.testing.assert_array_equal(array[[3, 50]], values[[3, 50]])
