@@ -22,8 +22,7 @@ from moe_policy.planners.record import PartReport, TrainingReport
 from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support import scratch
-from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.arrays import Array, Ints, scratch
 from ocp_envs.support.provenance import peak_memory_gb
 
 #: Reads rows of an array that is too large to be held in double precision: rows → values (B, n).
@@ -36,7 +35,7 @@ def _fitted(read: _Read, rows: Ints) -> Standardizer:
 
 def _scaled(scaler: Standardizer, read: _Read, count: int) -> NDArray[np.float32]:
     """All rows, standardised, in single precision."""
-    scaled = scratch.empty((count, len(scaler)), np.float32)
+    scaled = scratch((count, len(scaler)), np.float32)
     for part in blocks(count):
         scaled[part] = scaler.scale(read(part))
     return scaled
@@ -50,7 +49,7 @@ class Prepared:
         inputs: scaler of p.
         outputs: scaler of flat trajectories.
         examples: standardised p (M, np) and flat trajectories (M, flat_size), and the split; in files where they are
-            large (:mod:`ocp_envs.support.scratch`), so that a training reads its minibatches from disk.
+            large (:func:`~ocp_envs.support.arrays.scratch`), so that a training reads its minibatches from disk.
         checkpoints: folder of this training's checkpoints, ``None`` to keep none.
     """
 

@@ -29,8 +29,7 @@ from ocp_envs.data.layout import COUNTS, MISSING, DatabaseError, StoredRows, cre
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.nlp import Status
-from ocp_envs.support import scratch
-from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.arrays import Array, Bools, Ints, scratch
 
 #: Rows of all families read into memory at a time.
 _BLOCK = 5_000
@@ -201,8 +200,8 @@ class Database:
     def samples(self, indices: ArrayLike | None = None) -> Samples:
         """The best solution of every instance that has one.
 
-        Memory: the best solutions alone, in a file where they are many (:mod:`ocp_envs.support.scratch`), and a few
-        thousand rows of all families while they are read.
+        Memory: the best solutions alone, in a file where they are many (:func:`~ocp_envs.support.arrays.scratch`), and
+        a few thousand rows of all families while they are read.
 
         Args:
             indices: which instances, (K,), all by default; the samples are in this order.
@@ -214,7 +213,7 @@ class Database:
         index, problem = self.solved(wanted), self.problem
         mode_costs, rows = self.costs()[index], self._row_of_index[index]
         mode = np.asarray(mode_costs.argmin(axis=1), dtype=np.int64)
-        z = scratch.empty((len(index), problem.flat_size), np.float64)
+        z = scratch((len(index), problem.flat_size), np.float64)
         multipliers = np.empty((len(index), problem.knots, problem.n_clearances))
         for span in self._spans(len(self)):
             here = np.flatnonzero((rows >= span.start) & (rows < span.stop))
@@ -233,7 +232,7 @@ class Database:
         )
 
     def totals(self) -> dict[str, int]:
-        """Sums over all rows that were written: instances, solved ones, solves, failures, fallbacks, iterations."""
+        """Sums over all rows that were written: instances, solved ones, and the solver statistics."""
         status = self._read("status")
         present = status != MISSING
         record = {"problems": int(present.sum()), "solved": int((status == Status.SOLVED).sum())}

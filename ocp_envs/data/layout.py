@@ -46,18 +46,11 @@ class DatabaseError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class StoredRows(Batch):
-    """What is stored of B instances.
+    """What is stored of B instances: how each row ended, ``status`` (B,), and the best trajectory of every family.
 
-    Args:
-        status: how each row ended, (B,).
-        slot_status: whether a trajectory of each solution family was found, (B, modes).
-        cost: its cost, (B, modes).
-        z: the trajectory in the flat layout, (B, modes, flat_size).
-        multipliers: of the path constraint at the knots, (B, modes, N, nh).
-        solves: number of solves, (B,).
-        failures: those that failed, (B,).
-        fallbacks: those in which the fallback solver was used, (B,).
-        iterations: of all solves together, (B,).
+    ``slot_status`` (B, modes) says whether one was found; ``cost`` (B, modes), ``z`` (B, modes, flat_size) in the flat
+    layout and ``multipliers`` (B, modes, N, nh) of the path constraint at the knots are its own. The solver statistics,
+    (B,), are the number of ``solves``, the ``failures`` and ``fallbacks`` among them, and all their ``iterations``.
     """
 
     status: NDArray[np.int8]

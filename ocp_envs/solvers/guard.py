@@ -73,18 +73,14 @@ class Guard:
             self._child.kill()
             self._child = None
 
-    def start(self) -> None:
-        """Start the child now rather than with the first task."""
+    def start(self) -> Channel:
+        """The channel to the child, which is started unless it runs."""
         if self._child is None:
             setup = self._factory, self._transcription, self._settings
             try:
                 self._child = Child(*setup)
             except RuntimeError:  # perhaps killed from outside
                 self._child = Child(*setup)
-
-    def _channel(self) -> Channel:
-        self.start()
-        assert self._child is not None
         return self._child.channel
 
     def _limit(self) -> float:
@@ -93,7 +89,7 @@ class Guard:
         return max(self._settings.hang_floor, self._settings.hang_factor * median)
 
     def _stream(self, tasks: Sequence[Task], first: int) -> Iterator[Result]:
-        channel, limit = self._channel(), self._limit()
+        channel, limit = self.start(), self._limit()
         sent = first
         for _ in range(first, len(tasks)):
             while sent < min(first + _AHEAD, len(tasks)):
@@ -112,7 +108,7 @@ class Guard:
     def _rescue(self, task: Task) -> Result:
         """The fallback, for a task that hung or crashed the primary solver."""
         began, limit = time.perf_counter(), self._limit()
-        channel = self._channel()
+        channel = self.start()
         try:
             channel.send((task, True))
             result: Result = channel.receive(limit)

@@ -53,7 +53,8 @@ def guesses(
     duration = shortest + (longest - shortest) * rng.uniform(0.5, 0.75, len(parameters))
     targets = problem.targets[windings]
     if kind in ("line", "bend"):
-        states = _line(problem, parameters, targets)
+        initial, _ = problem.start(parameters)
+        states = initial[:, None] + _progress(problem) * (targets - initial)[:, None]
         if kind == "bend":
             states = _bent(problem, states, rng)
         return Trajectory(states, np.tile(problem.goal.control, (len(parameters), problem.knots - 1, 1)), duration)
@@ -62,12 +63,6 @@ def guesses(
     if kind == "drift":
         states = _drifted(problem, states, targets)
     return Trajectory(states, controls, duration)
-
-
-def _line(problem: OptimalControlProblem, parameters: Array, targets: Array) -> Array:
-    """States on straight lines from the initial states to ``targets`` (B, nx), (B, N, nx)."""
-    initial, _ = problem.start(parameters)
-    return initial[:, None] + _progress(problem) * (targets - initial)[:, None]
 
 
 def _progress(problem: OptimalControlProblem) -> Array:

@@ -20,17 +20,11 @@ from ocp_envs.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Solutions(Batch):
-    """How B solves ended.
+    """How B solves ended: ``status``, values of :class:`Status`, and what was found.
 
-    Args:
-        trajectory: B trajectories, NaN where not solved.
-        cost: (B,), +inf where not solved.
-        multipliers: of the path constraint at the knots, (B, N, nh), ≥ 0, in units of cost per unit of clearance; NaN
-            where not solved.
-        status: (B,) int8, values of :class:`Status`.
-        iterations: (B,) int32, of both solvers together.
-        fallback: (B,) bool, whether the fallback solver was used.
-        seconds: time of the solve, (B,).
+    This is ``trajectory``, B trajectories, their ``cost`` (B,) and the ``multipliers`` (B, N, nh) of the path
+    constraint at the knots, ≥ 0, in units of cost per unit of clearance. Where not solved, the cost is +inf and the
+    rest NaN. A solve took ``seconds`` and ``iterations`` of both solvers together, and perhaps the ``fallback`` solver.
     """
 
     trajectory: Trajectory

@@ -34,7 +34,7 @@ class Runner(Protocol):
     def solve(self, tasks: Sequence[Task]) -> Iterable[Result]:
         """Results in the order of ``tasks``."""
 
-    def start(self) -> None:
+    def start(self) -> object:
         """Get ready for the first task."""
 
     def close(self) -> None:
@@ -100,12 +100,10 @@ class GuardedSolver:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The best known optimum of one instance, and the best trajectory of every solution family that was found.
+    """The best known optimum of the instance with ``parameters`` (np,), and the best trajectory of every family.
 
-    Args:
-        parameters: p, (np,).
-        modes: one row for each solution family of the problem; EMPTY where none was found.
-        status: SOLVED where any family was found, otherwise how the first solve failed.
+    In ``modes`` each solution family of the problem has a row, EMPTY where no trajectory was found. The ``status`` is
+    SOLVED where any family was found, otherwise how the first solve failed.
     """
 
     parameters: Array

@@ -41,13 +41,9 @@ _EXPANDED = 10_000
 class Transcription:
     """A nonlinear program and the layout of its variables; holds no reference to the problem and can be pickled.
 
-    Args:
-        nlp: (w, [x_0; s]) → (f, g).
-        knots, nx, nu, n_clearances: sizes of the problem.
-        state_scale, control_scale, control_centre, step_scale: the scaled variables are x / state_scale,
-            (u − control_centre) / control_scale and h / step_scale.
-        lower, upper: bounds of w without the goal, (nw,).
-        targets: goal states, one per winding, (W, nx).
+    The program ``nlp`` is (w, [x_0; s]) → (f, g), its sizes are ``knots``, ``nx``, ``nu`` and ``n_clearances``, and its
+    scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and h / ``step_scale``. Without
+    the goal, w has the bounds ``lower`` and ``upper`` (nw,); ``targets`` (W, nx) are goal states, one per winding.
     """
 
     nlp: ca.Function

@@ -1,7 +1,9 @@
-"""Array types, and arrays that nobody can change."""
+"""Array types, arrays that nobody can change, and large arrays in files."""
 
 from __future__ import annotations
 
+import math
+import tempfile
 from typing import TypeVar, overload
 
 import numpy as np
@@ -11,6 +13,8 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Value = TypeVar("Value", bound=np.generic)
+#: Larger arrays of :func:`scratch`, in bytes, are in a file. ``TMPDIR`` chooses its folder.
+LARGE = 256 * 2**20
 
 
 def read_only(array: Array) -> Array:
@@ -29,3 +33,18 @@ def frozen_array(values: ArrayLike, dtype: type[np.generic] = np.float64) -> NDA
     array = np.array(values, dtype=dtype)
     array.flags.writeable = False
     return array
+
+
+def scratch(shape: tuple[int, ...], dtype: type[Value]) -> NDArray[Value]:
+    """An array of ``shape`` and ``dtype`` with undefined values, in a file where it exceeds :data:`LARGE`.
+
+    Training data, which are read at random, need not fit in memory: the operating system keeps the pages in use and
+    writes the others back. The file is deleted with the last reference to the array.
+
+    Raises:
+        OSError: not enough space on the disk.
+    """
+    if math.prod(shape) * np.dtype(dtype).itemsize <= LARGE:
+        return np.empty(shape, dtype)
+    with tempfile.TemporaryFile(prefix="ocp_envs-") as file:  # has no name, so nothing is left behind by a crash
+        return np.asarray(np.memmap(file, dtype=dtype, mode="w+", shape=shape))

@@ -78,7 +78,7 @@ class WorkerPool(Executor):
         self._threads.shutdown(wait=True, cancel_futures=cancel_futures or not wait)
         self._kill()
         for worker in self._workers:
-            worker.join()
+            worker.process.join()
 
     def _kill(self) -> None:
         self._closed = True
@@ -91,9 +91,9 @@ class _Worker:
 
     def __init__(self) -> None:
         self._connection, theirs = _SPAWN.Pipe()
-        self._process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
+        self.process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
         with _STARTING:
-            self._process.start()
+            self.process.start()
         theirs.close()  # now the death of the process ends the pipe
 
     def call(self, message: tuple[object, ...]) -> object:
@@ -101,12 +101,12 @@ class _Worker:
             self._connection.send(message)
             good, value = self._connection.recv()
         except (EOFError, OSError):
-            self._process.join(_GRACE)
+            self.process.join(_GRACE)
             self.kill()
-            self.join()
+            self.process.join()
             self._connection.close()
             raise WorkerLostError(
-                f"a worker process ended with exit code {self._process.exitcode} (−9: killed, perhaps for lack of "
+                f"a worker process ended with exit code {self.process.exitcode} (−9: killed, perhaps for lack of "
                 "memory; 1: perhaps the calling script lacks `if __name__ == '__main__':`)"
             ) from None
         if good:
@@ -115,10 +115,7 @@ class _Worker:
 
     def kill(self) -> None:
         """End the process; the thread that waits for an answer notices it at the pipe."""
-        self._process.kill()
-
-    def join(self) -> None:
-        self._process.join()
+        self.process.kill()
 
 
 def _serve(pipe: connection.Connection) -> None:

@@ -26,13 +26,11 @@ LOOK = 5.0
 
 @dataclass(frozen=True)
 class Workers:
-    """What a program that runs many tasks must know of an executor.
+    """What a program that runs many tasks must know of an executor: how to ``submit`` one, as the executor's.
 
-    Args:
-        submit: as the executor's: a function and its arguments → the future of its result.
-        in_flight: how many tasks to have submitted at a time; called again and again, as workers may join and leave.
-            Raises ``BrokenExecutor`` where no task can run any more.
-        lost: errors of a task whose worker died; such a task may be submitted again.
+    ``in_flight`` is how many to have submitted at a time; it is called again and again, as workers may join and leave,
+    and raises ``BrokenExecutor`` where no task can run any more. A task that ends in one of the errors ``lost``, whose
+    worker died, may be submitted again.
     """
 
     submit: Callable[..., Future[Any]]

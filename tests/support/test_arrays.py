@@ -11,7 +11,7 @@ from moe_policy.learning.clustering import cluster
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture, fit_single
 from moe_policy.planners import scaling
-from ocp_envs.support import scratch
+from ocp_envs.support import arrays
 from tests.synthetic import fake_samples
 
 
@@ -20,8 +20,8 @@ def test_large_arrays_hold_what_is_written_and_leave_no_file(dtype, monkeypatch,
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     values = np.random.default_rng(0).random((100, 7)).astype(dtype)
     for large in (0, 10**9):
-        monkeypatch.setattr(scratch, "LARGE", large)
-        array = scratch.empty(values.shape, dtype)
+        monkeypatch.setattr(arrays, "LARGE", large)
+        array = arrays.scratch(values.shape, dtype)
         array[:] = values
         assert array.dtype == dtype
         np.testing.assert_array_equal(array[[3, 50]], values[[3, 50]])
@@ -39,7 +39,7 @@ def test_a_training_from_files_is_the_training_from_memory(monkeypatch):
         return [value.numpy() for planner in planners for value in planner.network.state_dict().values()]
 
     within = weights()
-    monkeypatch.setattr(scratch, "LARGE", 0)
+    monkeypatch.setattr(arrays, "LARGE", 0)
     for expected, found in zip(within, weights()):
         np.testing.assert_array_equal(found, expected)
 
