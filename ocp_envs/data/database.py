@@ -81,11 +81,7 @@ class Database:
 
     @classmethod
     def open(cls, path: str | os.PathLike[str], problem: OptimalControlProblem | None = None) -> Database:
-        """The database at ``path``.
-
-        Args:
-            path: its folder.
-            problem: what it is to be used for; by default the registered problem of the id it carries.
+        """The database in the folder ``path``, made for ``problem``; by default for the registered one of its id.
 
         Raises:
             DatabaseError: not a database, damaged, or made for another problem.
