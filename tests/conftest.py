@@ -2,8 +2,13 @@ import dataclasses
 import sys
 
 import pytest
+from hypothesis import settings
 
 from tests.synthetic import fake_samples
+
+# Wall time says nothing about correctness, and machines are busy.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="module")

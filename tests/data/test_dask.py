@@ -219,7 +219,7 @@ def script(monkeypatch):
 def test_the_script_generates_on_a_cluster(script, cluster, monkeypatch, tmp_path, capsys):
     address = cluster.scheduler_address
     folders = [f"--data={tmp_path}", f"--results={tmp_path}"]
-    monkeypatch.setattr(sys, "argv", ["generate_data", *folders, "--scheduler", address])
+    monkeypatch.setattr(sys, "argv", ["generate_data", *folders, "--splits", "validation", "--scheduler", address])
     script.main()
     assert f"3 workers with 3 threads at {address}" in capsys.readouterr().out
     split, path = TINY["validation"], tmp_path / PENDULUM.id / "validation.zarr"
