@@ -13,6 +13,13 @@ image = pytest.importorskip("matplotlib.image")
 SAMPLES = fake_samples(count=60, modes=3)
 
 
+@pytest.fixture(autouse=True)
+def _no_legends(monkeypatch):
+    """Colours in a picture are those of the data alone."""
+    for owner in (pytest.importorskip("matplotlib.axes").Axes, pytest.importorskip("matplotlib.figure").Figure):
+        monkeypatch.setattr(owner, "legend", lambda *_, **__: None)
+
+
 def pixels(path, inches):
     """The picture (H, W, 3); its size must be that of the figure."""
     assert path.read_bytes().startswith(b"\x89PNG")
@@ -32,7 +39,10 @@ def test_the_jump(tmp_path):
     labels = cluster(SAMPLES, "custom")
     path = clusters.discontinuity_figure(tmp_path / "new" / "jump.png", SAMPLES, labels, optimal, plans)
     picture = pixels(path, (9.0, 6.5))
-    assert all(has(picture, color) for color in (*COLORS[:3], "#d62728"))  # three clusters, and the goals
+    below, middle = (length // 2 for length in picture.shape[:2])
+    assert all(has(picture[below:, :middle], color) for color in (*COLORS[:3], "#d62728"))  # three clusters, the goals
+    for prediction in (picture[:below, middle:], picture[below:, middle:]):
+        assert all(has(prediction, color) for color in COLORS[:2])  # the optimum, and the plan
     assert [file.name for file in path.parent.iterdir()] == ["jump.png"]
 
 
