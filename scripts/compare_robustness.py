@@ -33,7 +33,7 @@ from moe_policy.experiments.methods import Method, shipped, solve_all, stabilise
 from moe_policy.experiments.records import read, write
 from moe_policy.experiments.robustness import LevelRow, Plant, Robustness, plant_key, run_plant
 from moe_policy.planners.stored import StoredPlans
-from ocp_envs.envs.options import Arguments
+from ocp_envs.envs.options import EnvArguments
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.support.arrays import Array
@@ -76,7 +76,7 @@ class Task:
     seed: int  # of noise and disturbances
 
 
-def work(task: Task, arguments: Arguments, path: Path) -> None:
+def work(task: Task, arguments: EnvArguments, path: Path) -> None:
     """Run all methods on one plant and store the outcome in the file ``path``."""
     cli.threads()
     began = time.process_time()
@@ -86,7 +86,7 @@ def work(task: Task, arguments: Arguments, path: Path) -> None:
     write(path, Plant(arguments=arguments, rows=rows, cpu_seconds=time.process_time() - began))
 
 
-def work_all(task: Task, plants: Mapping[Path, Arguments], workers: int | None) -> None:
+def work_all(task: Task, plants: Mapping[Path, EnvArguments], workers: int | None) -> None:
     """Call :func:`work` for each of ``plants`` whose file does not exist, in ``workers`` processes."""
     with WorkerPool(workers) as pool:
         futures = [pool.submit(work, task, plant, path) for path, plant in plants.items() if not path.exists()]

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocp_envs.envs.options import Arguments
+from ocp_envs.envs.options import EnvArguments
 from ocp_envs.problem import OptimalControlProblem
 
 KINDS = ("mismatch", "disturbance", "noise", "delay")
@@ -51,7 +51,7 @@ class Perturbation:
             bound = "above -100 %" if self.kind == "mismatch" else "of 0 or more"
             raise ValueError(f"{self.name}: expected levels {bound}, got {self.levels}")
 
-    def arguments(self, problem: OptimalControlProblem, level: float, dt: float = 0.02) -> Arguments:
+    def arguments(self, problem: OptimalControlProblem, level: float, dt: float = 0.02) -> EnvArguments:
         """Arguments of the environment at ``level`` with the control period ``dt``, seconds; none at level 0.
 
         Raises:

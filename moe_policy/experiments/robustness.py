@@ -20,7 +20,7 @@ from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import Metrics, evaluate
 from moe_policy.rollouts.rollout import rollout
-from ocp_envs.envs.options import Arguments
+from ocp_envs.envs.options import EnvArguments
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
@@ -121,7 +121,7 @@ def run_plant(
     problem: OptimalControlProblem,
     methods: Sequence[Method],
     parameters: Array,
-    arguments: Arguments,
+    arguments: EnvArguments,
     *,
     seed: int = 0,
     dt: float = 0.02,

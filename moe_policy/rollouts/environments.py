@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from ocp_envs.envs.options import Arguments
+from ocp_envs.envs.options import EnvArguments
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
@@ -19,14 +19,14 @@ Environments = gym.vector.VectorEnv[NDArray[np.float32], Array, Array]
 
 
 def environments(
-    problem: OptimalControlProblem, count: int, dt: float = 0.02, **arguments: Unpack[Arguments]
+    problem: OptimalControlProblem, count: int, dt: float = 0.02, **arguments: Unpack[EnvArguments]
 ) -> VectorEnv:
     """``count`` environments that neither restart by themselves nor end at the goal, as ``rollout`` needs them.
 
     Their control period is ``dt`` seconds; ``problem`` may be registered or not; ``arguments`` are further ones of
     :class:`ocp_envs.Env`.
     """
-    chosen: Arguments = {"terminate_at_goal": False, **arguments}
+    chosen: EnvArguments = {"terminate_at_goal": False, **arguments}
     return VectorEnv(problem, count, autoreset_mode=AutoresetMode.DISABLED, dt=dt, **chosen)
 
 

@@ -26,7 +26,7 @@ from ocp_envs.support.suggestions import did_you_mean
 RENDER_MODES = ("rgb_array", "human")
 
 
-class Arguments(TypedDict, total=False):
+class EnvArguments(TypedDict, total=False):
     """Keyword arguments of an environment, apart from its control period."""
 
     terminate_at_goal: bool
