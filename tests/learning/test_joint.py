@@ -5,33 +5,11 @@ import dataclasses
 import pytest
 import torch
 
-from moe_policy.learning.clustering import cluster
 from moe_policy.learning.joint import fit_mixture_jointly, retrain
 from moe_policy.learning.settings import Annealing, TrainingSettings
-from moe_policy.learning.training import fit_mixture, fit_single
-from moe_policy.planners.network import NetworkPlanner
+from moe_policy.learning.training import fit_single
 from moe_policy.planners.networks import ARGMAX, Softmax
-from tests.synthetic import fake_samples
-
-QUICK = TrainingSettings(epochs=15)
-
-
-def weights(planner: NetworkPlanner) -> dict[str, torch.Tensor]:
-    return dict(planner.network.state_dict())
-
-
-def equal(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor]) -> bool:
-    return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
-
-
-@pytest.fixture(scope="module")
-def samples():
-    return fake_samples()
-
-
-@pytest.fixture(scope="module")
-def pretrained(samples):
-    return fit_mixture(samples, cluster(samples, "custom"), settings=QUICK)
+from tests.trainings import QUICK, equal, weights
 
 
 def test_joint_training_keeps_weights_of_the_settled_phase(samples):

@@ -12,33 +12,13 @@ from moe_policy.learning.clustering import Labels, cluster
 from moe_policy.learning.examples import Split
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture, fit_single
-from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Softmax
 from moe_policy.planners.prediction_error import standardised_error, validation_error
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.support.pool import WorkerPool
 from tests.synthetic import FakeDatabase, fake_samples
-
-QUICK = TrainingSettings(epochs=15)
-
-
-def weights(planner: NetworkPlanner) -> dict[str, torch.Tensor]:
-    return dict(planner.network.state_dict())
-
-
-def equal(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor]) -> bool:
-    return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
-
-
-@pytest.fixture(scope="module")
-def samples():
-    return fake_samples()
-
-
-@pytest.fixture(scope="module")
-def pretrained(samples):
-    return fit_mixture(samples, cluster(samples, "custom"), settings=QUICK)
+from tests.trainings import QUICK, equal, weights
 
 
 def test_the_seed_decides_every_weight_and_nothing_global_is_touched(samples):
