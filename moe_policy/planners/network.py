@@ -7,6 +7,7 @@ not be the initial state. The policy that tracks the plan deals with both.
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -97,6 +98,18 @@ class NetworkPlanner:
         x = self._scaled(p)
         with torch.inference_mode():
             return tuple(self._trajectory(outputs) for outputs in self._mixture.all_experts(x))
+
+    def expert_planners(self) -> tuple[NetworkPlanner, ...]:
+        """A planner for each expert of a mixture, which uses that expert alone, whatever the gate says.
+
+        Raises:
+            TypeError: a single network.
+        """
+        experts = cast(Iterable[SingleNetwork], self._mixture.experts)
+        return tuple(
+            NetworkPlanner(self.problem, f"{self.name}, expert {i}", expert, self.inputs, self.outputs)
+            for i, expert in enumerate(experts)
+        )
 
     @property
     def parameters_total(self) -> int:

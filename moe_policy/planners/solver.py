@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Protocol
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.protocols import Planner
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses, random_kind
@@ -63,24 +64,28 @@ class SolverPlanner:
     """Plans by solving the nonlinear program.
 
     For every p the solver is warm-started from samples in ``database``: among the ``lookaround`` nearest ones, the
-    ``neighbours`` nearest of every solution family that occurs. In addition, or without a database, it is started from
-    ``random_guesses`` random guesses for each winding of the goal. An instance that no guess solves is tried a second
-    time, from the same guesses and a straight line, and with the fallback solver where the primary one does not
-    converge. Guesses depend on the seed and on p alone, so that a plan does not depend on its batch.
+    ``neighbours`` nearest of every solution family that occurs. In addition, it is started from the plan of each of the
+    ``guessers``, and from ``random_guesses`` random guesses for each winding of the goal. An instance that no guess
+    solves is tried a second time, from the same guesses and a straight line, and with the fallback solver where the
+    primary one does not converge. Guesses depend on the seed and on p alone, so that a plan does not depend on its
+    batch.
 
     Args:
         problem: what to solve.
-        database: source of warm starts: a Database, its samples or a NearestPlanner; without it all guesses are random.
+        database: source of warm starts: a Database, its samples or a NearestPlanner; ``None`` for none.
+        guessers: planners whose plans are guesses, such as the experts of a mixture
+            (:meth:`~moe_policy.planners.network.NetworkPlanner.expert_planners`); a plan that is not finite is none.
         neighbours: warm starts of each solution family.
         lookaround: number of nearest samples considered; by default the problem's own, :func:`lookaround_of`.
-        random_guesses: random guesses for each winding; by default none beside warm starts, else
+        random_guesses: random guesses for each winding; by default none where there are other guesses, else
             :data:`RANDOM_GUESSES`.
         seed: of the random guesses.
         solver: what solves; by default a new ``GuardedSolver(problem)``.
         name: short name for tables.
 
     Raises:
-        ValueError: a database of another problem, or no guesses at all.
+        TypeError: a database that is none, or a guesser that cannot be called.
+        ValueError: a database or a guesser of another problem, or no guesses at all.
     """
 
     def __init__(
@@ -88,6 +93,7 @@ class SolverPlanner:
         problem: OptimalControlProblem,
         database: Samples | SampleSource | None = None,
         *,
+        guessers: Sequence[Planner] = (),
         neighbours: int = 2,
         lookaround: int | None = None,
         random_guesses: int | None = None,
@@ -97,16 +103,12 @@ class SolverPlanner:
     ) -> None:
         self.problem, self.name, self.seed, self.neighbours = problem, name, seed, neighbours
         self.lookaround = lookaround_of(problem) if lookaround is None else lookaround
-        default = RANDOM_GUESSES if database is None else 0
+        self.guessers = _checked_guessers(problem, guessers)
+        default = 0 if self.guessers or database is not None else RANDOM_GUESSES
         self.random_guesses = default if random_guesses is None else random_guesses
-        self._nearest: NearestPlanner | None = None
-        if database is not None and neighbours > 0:
-            samples = samples_of(database)
-            if samples.problem.id != problem.id:
-                raise ValueError(f"the database belongs to {samples.problem.id}, not to {problem.id}")
-            self._nearest = NearestPlanner(samples)
-        if self.random_guesses < 0 or (self.random_guesses == 0 and self._nearest is None):
-            raise ValueError("no guesses: give a database with neighbours ≥ 1, or random_guesses ≥ 1")
+        self._nearest = _nearest(problem, database) if database is not None and neighbours > 0 else None
+        if self.random_guesses < 0 or not (self.random_guesses or self.guessers or self._nearest):
+            raise ValueError("no guesses: give a database with neighbours ≥ 1, guessers, or random_guesses ≥ 1")
         self.solver: BatchSolver = GuardedSolver(problem) if solver is None else solver
 
     def __call__(self, p: ArrayLike) -> Trajectory:
@@ -128,15 +130,19 @@ class SolverPlanner:
 
     def _best(self, p: Array, kinds: Sequence[GuessKind], retry_with_fallback: bool) -> tuple[Trajectory, Array]:
         """The best solution from warm starts and from a guess of each of ``kinds`` to each winding."""
-        if not len(p):
-            return self.problem.unflatten(np.empty((0, self.problem.flat_size))), np.empty(0)
-        attempts = _Attempts.concatenate([*self._warm_starts(p), *self._random_guesses(p, kinds)])
+        plans, cost = self.problem.unflatten(np.full((len(p), self.problem.flat_size), np.nan)), np.full(len(p), np.inf)
+        found = [*self._warm_starts(p), *self._predicted(p), *self._random_guesses(p, kinds)]
+        attempts = _Attempts.concatenate(found) if found else None
+        if not attempts:
+            return plans, cost
         row, guess, winding = attempts.row, attempts.guess, attempts.winding
         solutions = self.solver.solve(p[row], guess, winding, retry_with_fallback=retry_with_fallback)
-        # Sorted by row, then by cost: the first of every row is its best.
+        # Sorted by row, then by cost: the first of every row is its best. A row of which no plan is finite has none.
         order = np.lexsort((solutions.cost, row))
-        best = order[np.searchsorted(row[order], np.arange(len(p)))]
-        return solutions.trajectory[best], solutions.cost[best]
+        tried, first = np.unique(row[order], return_index=True)
+        best = order[first]
+        cost[tried] = solutions.cost[best]
+        return plans.replaced(np.isin(np.arange(len(p)), tried), solutions.trajectory[best]), cost
 
     def _warm_starts(self, p: Array) -> Iterator[_Attempts]:
         if self._nearest is None:
@@ -150,6 +156,13 @@ class SolverPlanner:
         row, column = np.nonzero(chosen)
         yield _Attempts(row, self._nearest.trajectory[around[row, column]], np.full(len(row), NEAREST_WINDING))
 
+    def _predicted(self, p: Array) -> Iterator[_Attempts]:
+        """The finite plans of the guessers."""
+        for planner in self.guessers if len(p) else ():
+            plan = planner(p)
+            row = np.flatnonzero(plan.finite)
+            yield _Attempts(row, plan[row], np.full(len(row), NEAREST_WINDING))
+
     def _random_guesses(self, p: Array, kinds: Sequence[GuessKind]) -> Iterator[_Attempts]:
         for row in range(len(p)) if kinds else ():
             rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
@@ -158,3 +171,31 @@ class SolverPlanner:
                 repeated = np.repeat(p[row : row + 1], len(winding), axis=0)
                 guess = guesses(self.problem, repeated, winding, rng, kind)
                 yield _Attempts(np.full(len(winding), row), guess, winding)
+
+
+def _checked_guessers(problem: OptimalControlProblem, guessers: Sequence[Planner]) -> tuple[Planner, ...]:
+    """The ``guessers`` of ``problem``."""
+    given = tuple(guessers) if isinstance(guessers, Iterable) else (None,)
+    for planner in given:
+        if not callable(planner):
+            what = type(guessers if planner is None else planner).__name__
+            raise TypeError(f"expected a sequence of planners as guessers, such as (planner,); got {what}")
+        _check_owner(problem, getattr(planner, "problem", problem), "a guesser")
+    return given
+
+
+def _nearest(problem: OptimalControlProblem, database: Samples | SampleSource) -> NearestPlanner:
+    """The stored solutions of ``problem`` in ``database``, nearest first."""
+    if callable(database) and not hasattr(database, "samples"):
+        raise TypeError(
+            f"expected a Database, its samples or a NearestPlanner as database, got {type(database).__name__}; "
+            "give a planner whose plans are guesses as guessers=(planner,)"
+        )
+    samples = samples_of(database)
+    _check_owner(problem, samples.problem, "the database")
+    return NearestPlanner(samples)
+
+
+def _check_owner(problem: OptimalControlProblem, owner: OptimalControlProblem, what: str) -> None:
+    if owner.id != problem.id:
+        raise ValueError(f"{what} belongs to {owner.id}, not to {problem.id}")

@@ -46,10 +46,18 @@ def test_plans_of_a_mixture_are_those_of_the_chosen_experts(planners, samples_of
     assert mixture.mixing == ARGMAX
 
 
+def test_every_expert_is_a_planner(planners, samples_of_three_modes):
+    mixture, p = planners["mixture"], samples_of_three_modes.parameters
+    for expert, plan in zip(mixture.expert_planners(), mixture.experts(p), strict=True):
+        np.testing.assert_array_equal(expert(p).flat(), plan.flat())
+    assert [expert.name for expert in mixture.expert_planners()] == [f"{mixture.name}, expert {i}" for i in range(3)]
+
+
 def test_single_networks_have_no_gate(planners):
-    for call in (planners["single"].gate, planners["single"].experts):
+    single = planners["single"]
+    for call in (lambda: single.gate([0, 0]), lambda: single.experts([0, 0]), single.expert_planners):
         with pytest.raises(TypeError, match="single network"):
-            call([0, 0])
+            call()
 
 
 def test_parameter_counts(planners):

@@ -5,10 +5,13 @@ import pytest
 
 import moe_policy
 from moe_policy.experiments.methods import optimal_planner
+from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.solver import SolverPlanner, lookaround_of
+from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
+from ocp_envs.solvers.guesses import NEAREST_WINDING
 from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.trajectory import Trajectory
 from tests.synthetic import fake_samples
@@ -86,6 +89,61 @@ def test_what_no_warm_start_solves_is_tried_again_with_a_line_and_the_fallback()
     warm = (first == p[1]).all(axis=1).sum()
     assert np.bincount(windings + 1).tolist() == [warm, 1, 1, 1]  # the warm starts, and a line to every winding
     assert solver.retried == [False, True]
+
+
+def planner_that_fails(rows):
+    """The stored plans of the samples, NaN at ``rows``."""
+    flat = SAMPLES.trajectory.flat()
+    flat[rows] = np.nan
+    return StoredPlans(SAMPLES.parameters, PENDULUM.unflatten(flat))
+
+
+def test_plans_of_planners_are_guesses_beside_those_of_the_database():
+    solver, p = Recorder(), SAMPLES.parameters[:3]
+    planners = [planner_that_fails([]), NearestPlanner(SAMPLES[3:])]
+    SolverPlanner(PENDULUM, SAMPLES, guessers=planners, neighbours=1, lookaround=1, solver=solver)(p)
+    parameters, windings = solver.calls[0]
+    np.testing.assert_array_equal(parameters, np.tile(p, (3, 1)))
+    assert (windings == NEAREST_WINDING).all()
+
+
+def test_plans_that_are_not_finite_are_no_guesses():
+    """The second row has no guess at first; the second trial draws a line for it, with the fallback solver."""
+    solver, p = Recorder(), SAMPLES.parameters[:3]
+    plan, cost = SolverPlanner(PENDULUM, guessers=[planner_that_fails([1])], solver=solver).best(p)
+    np.testing.assert_array_equal(solver.calls[0][0], p[[0, 2]])
+    np.testing.assert_array_equal(solver.calls[1][0], np.tile(p[1], (3, 1)))
+    np.testing.assert_array_equal(plan.flat()[[0, 2]], SAMPLES.trajectory.flat()[[0, 2]])
+    np.testing.assert_array_equal(plan.duration, cost)
+    assert solver.retried == [False, True]
+    nothing = SolverPlanner(PENDULUM, guessers=[planner_that_fails(slice(None))], solver=Recorder())
+    assert nothing(p).finite.all()
+
+
+def test_the_experts_of_a_mixture_are_guessers(planners):
+    solver, p = Recorder(), SAMPLES.parameters[:4]
+    mixture = planners["mixture"]
+    planner = SolverPlanner(PENDULUM, guessers=[mixture, *mixture.expert_planners()], solver=solver)
+    assert planner(p).finite.all()
+    assert len(solver.calls[0][0]) == 4 * (1 + 3)
+    assert len(planner(p[:0])) == 0
+
+
+@pytest.mark.parametrize("guessers", [NearestPlanner(SAMPLES), [None], ["moe-custom"]])
+def test_guessers_are_planners(guessers):
+    with pytest.raises(TypeError, match="sequence of planners as guessers"):
+        SolverPlanner(PENDULUM, guessers=guessers, solver=Recorder())
+
+
+def test_a_planner_in_place_of_a_database_is_told_where_it_belongs(planners):
+    with pytest.raises(TypeError, match=r"got NetworkPlanner; give a planner .* as guessers=\(planner,\)"):
+        SolverPlanner(PENDULUM, planners["single"], solver=Recorder())
+
+
+@pytest.mark.parametrize("arguments", [{"database": SAMPLES}, {"guessers": [NearestPlanner(SAMPLES)]}])
+def test_guesses_belong_to_the_problem(arguments):
+    with pytest.raises(ValueError, match="belongs to PendulumSwingup-v0, not to QuadcopterObstacle-v0"):
+        SolverPlanner(QUADCOPTER_OBSTACLE, **arguments, solver=Recorder())
 
 
 def test_without_guesses_there_is_nothing_to_solve():
