@@ -7,7 +7,8 @@
 The evaluation time of a policy that plans is known in advance (see :class:`moe_policy.protocols.PlanningPolicy`). Any
 other policy, and any with ``evaluation="goal"``, is evaluated ``problem.hold`` seconds after the first entry, at the
 latest at the horizon. An episode ends when it is evaluated or when it leaves the operating box, which the environment
-charges and which is never a success.
+charges and which is never a success. All results are those of the simulator: no wrapper changes them, except
+by changing the controls.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from moe_policy.rollouts.environments import Environments, base_of
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.ledger import Ledger
 from ocp_envs.envs.vector_env import VectorEnv
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.clock import count_steps
 
 #: What determines the evaluation time: the plan's schedule, or the first entry into the goal ball.
@@ -49,15 +50,16 @@ def rollout(
         policy: anything with ``predict``; a :class:`~moe_policy.protocols.PlanningPolicy` gets p in float64.
         parameters: (B, np) or (np,), inside the parameter box or not.
         horizon: seconds after which every episode is evaluated; at most the environment's time limit, its default.
-        record: keep states and controls.
+        record: keep the states, and the controls as the environment of :mod:`ocp_envs` gets them.
         evaluation: ``"schedule"``: a policy that plans is evaluated at the time it plans for; ``"goal"``: it is
             evaluated as one without a plan, so that its cost is what the environment charges up to the goal or the
             horizon, and what belongs to a plan is NaN.
 
     Raises:
         TypeError: another vector environment than one of :mod:`ocp_envs`.
-        ValueError: an unknown ``evaluation``, an environment that restarts or ends at the goal by itself, a policy for
-            another control period, a horizon beyond the time limit, parameters of another shape or not finite.
+        ValueError: an unknown ``evaluation``, an environment that restarts or ends at the goal by itself, a wrapper
+            that does not take exactly one control step in a step, a policy for another control period, a horizon beyond
+            the time limit, parameters of another shape or not finite.
     """
     base = base_of(envs)
     _check(base, policy, evaluation)
@@ -87,12 +89,14 @@ def _run(envs: Environments, policy: Policy, p: Array, steps: int, record: bool,
     while ledger.running.any():
         step, running = step + 1, ledger.running.copy()
         action, state = policy.predict(observation, state=state, episode_start=begins, deterministic=True)
-        observation, reward, terminated, _, _ = envs.step(action)
-        begins, before, x = np.zeros(len(p), bool), x, base.state
-        ledger.add(step, before, x, -np.asarray(reward, np.float64), np.asarray(terminated, bool))
+        observation, _, _, _, _ = envs.step(action)
+        _check_steps(base, step, running)
+        # The simulator's own results: a wrapper may change rewards, actions, observations and the ends of episodes.
+        begins, before, x, outcome = np.zeros(len(p), bool), x, base.state, base.outcome
+        ledger.add(step, before, x, outcome.cost, outcome.left_box)
         if record:
             states.append(np.where(running[:, None], x, np.nan))
-            controls.append(np.where(running[:, None], action, np.nan))
+            controls.append(np.where(running[:, None], outcome.controls, np.nan))
     episodes = ledger.episodes(p)
     if record:
         applied = np.stack(controls, axis=1) if controls else np.empty((len(p), 0, base.problem.system.nu))
@@ -109,6 +113,17 @@ def _check(base: VectorEnv, policy: Policy, evaluation: Evaluation) -> None:
         raise ValueError(f'{name}: rollout needs terminate_at_goal=False and autoreset_mode="Disabled"; got {got}')
     if period is not None and not math.isclose(period, base.dt, rel_tol=1e-9):
         raise ValueError(f"{name}: got a policy for {period} s in environments of {base.dt} s, expected the same dt")
+
+
+def _check_steps(base: VectorEnv, step: int, running: Bools) -> None:
+    """Refuse wrappers that take no or several control steps in one, or that reset episodes."""
+    taken = base.steps[running]
+    if (taken != step).any():
+        raise ValueError(
+            f"{base.problem.id}: a step of the wrapped environments must be one control step of {base.dt} s; after "
+            f"{step} of them an episode is at control step {taken[taken != step][0]}. Run the rollout without the "
+            "wrapper that repeats actions or resets episodes, or make the environments with a longer dt"
+        )
 
 
 def _steps(base: VectorEnv, horizon: float | None) -> int:

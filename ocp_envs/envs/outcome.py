@@ -20,8 +20,10 @@ class Outcome:
 
     ``reached``: the state is in the goal ball. ``cost``: of the step, with the charge for leaving the operating box.
     ``violation``: of the path constraints at its end, ``None`` without constraints. ``left_box``: the state left it.
+    ``controls`` (n, nu) are those that the environment was given, before they are clipped and delayed.
     """
 
+    controls: Array
     reached: Bools
     cost: Array
     violation: Array | None

@@ -80,7 +80,24 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self._truncated = np.zeros(num_envs, dtype=np.bool_)
         self._all = np.arange(num_envs)
         self._begun = False
+        self._outcome: Outcome | None = None
         self._pictures = Pictures(self._plant)
+
+    @property
+    def outcome(self) -> Outcome:
+        """Results of the last control step, which no wrapper changes.
+
+        Raises:
+            ResetNeeded: before the first control step.
+        """
+        if self._outcome is None:
+            raise ResetNeeded("no control step was taken yet: call reset() and step()")
+        return self._outcome
+
+    @property
+    def steps(self) -> Ints:
+        """Control steps since each episode began, (num_envs,)."""
+        return self._steps.copy()
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Info | None = None
@@ -144,14 +161,14 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call reset() before step()")
-        controls, expected = np.asarray(actions), self._plant.step.control.shape
+        controls, expected = np.array(actions, dtype=np.float64), self._plant.step.control.shape
         if controls.shape != expected:
             raise ValueError(f"{self.problem.id}: expected actions of shape {expected}, got {controls.shape}")
         over = self._terminated | self._truncated
         moving = ~over
         rows = np.flatnonzero(moving) if over.any() else self._all
         self._plant.advance(controls, rows, self._generators.normal)
-        outcome = self._conclude(moving)
+        outcome = self._outcome = self._conclude(controls, moving)
         self._observe(rows)
         self._pictures.record(rows, outcome.cost)
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
@@ -166,8 +183,8 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self._pictures.update()
         return self._observed.copy(), -outcome.cost, terminated, truncated, info
 
-    def _conclude(self, moving: Bools) -> Outcome:
-        """Charge the ``moving`` rows that left the box, and note which episodes ended."""
+    def _conclude(self, controls: Array, moving: Bools) -> Outcome:
+        """Charge the ``moving`` rows that left the box under ``controls``, and note which episodes ended."""
         step, options = self._plant.step, self.options
         reached = (step.reached > 0) & moving
         left_box = (step.left_box > 0) & moving
@@ -178,7 +195,8 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         terminated = left_box | reached if options.terminate_at_goal else left_box
         self._terminated |= terminated
         self._truncated |= moving & ~terminated & (self._steps >= options.max_steps)
-        return Outcome(reached, cost, step.violation.copy() if self.problem.n_clearances else None, left_box)
+        violation = step.violation.copy() if self.problem.n_clearances else None
+        return Outcome(controls, reached, cost, violation, left_box)
 
     def show_plan(self, plans: Trajectory) -> None:
         """Show ``plans``, one a row (else a ``ValueError``), in the pictures of the episodes; follows a reset."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from gymnasium.vector import VectorWrapper
+from gymnasium.wrappers import vector as vector_wrappers
 
 from moe_policy.control.stabiliser import Stabiliser
 from moe_policy.control.tracking import TrackingPolicy
@@ -130,6 +131,54 @@ def test_wrapped_environments_are_accepted():
     policy = constant(1.0)
     episodes = rollout(Halved(vector(DOUBLE_INTEGRATOR, 1)), policy, [[0.0, 1.0]], horizon=1.0, record=True)
     np.testing.assert_allclose(episodes.states[0, 1], [0.02 + 0.5 * 0.02**2 / 2, 1.01])
+
+
+class EndsAtOnce(VectorWrapper):
+    def step(self, actions):
+        observations, rewards, terminated, truncated, _ = self.env.step(actions)
+        return observations, rewards, ~terminated, ~truncated, {}
+
+
+class Repeats(VectorWrapper):
+    def step(self, actions):
+        self.env.step(actions)
+        return self.env.step(actions)
+
+
+def scaled_rewards(envs):
+    return vector_wrappers.TransformReward(envs, lambda reward: 0.1 * reward.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    "wrapper", [scaled_rewards, EndsAtOnce, vector_wrappers.NormalizeReward, vector_wrappers.RecordEpisodeStatistics]
+)
+def test_no_wrapper_of_rewards_and_ends_changes_an_episode(wrapper):
+    p = np.array([[2.5, 0.3], [4.0, -0.5], [6.0, 2.0]])
+    plain, wrapped = (
+        rollout(envs, Stabiliser(PENDULUM), p) for envs in (vector(PENDULUM, 3), wrapper(vector(PENDULUM, 3)))
+    )
+    for name in Episodes.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(wrapped, name), getattr(plain, name), err_msg=name)
+
+
+def test_costs_are_the_rewards_of_the_environment_bit_by_bit():
+    envs = vector(PENDULUM, 1)
+    episodes = rollout(envs, constant(0.7), [[1.0, 0.5]], horizon=0.5)
+    envs.reset(options={"parameters": [1.0, 0.5]})
+    assert episodes.cost[0] == sum(-envs.step(np.full((1, 1), np.float32(0.7)))[1][0] for _ in range(25))
+
+
+def test_recorded_controls_are_those_that_the_environment_gets():
+    halved = vector_wrappers.TransformAction(vector(PENDULUM, 1), lambda actions: actions / 2)
+    episodes = rollout(halved, constant(0.5), [[1.0, 0.5]], horizon=0.1, record=True)
+    np.testing.assert_array_equal(episodes.controls, np.full((1, 5, 1), 0.25))
+
+
+def test_wrappers_that_repeat_actions_are_refused():
+    with pytest.raises(
+        ValueError, match=r"one control step of 0\.02 s; after 1 of them an episode is at control step 2"
+    ):
+        rollout(Repeats(vector(PENDULUM, 2)), constant(0.0), [[1.0, 0.5], [2.0, 0.0]])
 
 
 def test_refusals():
