@@ -30,6 +30,7 @@ from ocp_envs import problems
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.files import rename_folder
 from ocp_envs.support.rows import Batch
 
 FORMAT = "ocp-moe database"
@@ -129,7 +130,7 @@ def create_group(
             fill_value=column.fill,
             compressors=[ZstdCodec(level=1), Crc32cCodec()],
         )
-    os.replace(temporary, path)
+    rename_folder(temporary, path)
 
 
 def open_group(path: Path, problem: OptimalControlProblem | None) -> tuple[zarr.Group, OptimalControlProblem]:
