@@ -16,7 +16,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.experiments import cli
@@ -27,6 +26,7 @@ from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance
 
 #: Relative excess of cost from which an instance counts as worse.
@@ -49,7 +49,8 @@ def draw(
 
 def by_solve(problem: OptimalControlProblem, cases: Array) -> Array:
     """Costs of ``ocp_envs.solve``."""
-    return np.array([ocp_envs.solve(problem, p).cost for p in tqdm(cases, desc="solve", disable=None)])
+    shown = track(cases, len(cases), unit="instance", label="solve")
+    return np.array([ocp_envs.solve(problem, p).cost for p in shown])
 
 
 def by_generate(problem: OptimalControlProblem, cases: Array) -> Array:

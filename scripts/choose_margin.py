@@ -8,8 +8,6 @@ chosen from them.
     python scripts/choose_margin.py
 """
 
-from tqdm import tqdm
-
 import moe_policy
 import ocp_envs
 from moe_policy.experiments import cli
@@ -20,6 +18,7 @@ from moe_policy.experiments.methods import Method
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.stored import StoredPlans
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance
 
 MARGINS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
@@ -41,7 +40,8 @@ def main() -> None:
     row, baseline = run(problem, optimal, samples.parameters, batches=())
     rows = [MarginRow(margin=None, row=row)]
     planners = [moe_policy.load_planner(problem, name) for name in benchmark_of(problem).planners.compared]
-    for planner, margin in tqdm([(p, m) for p in planners for m in MARGINS], unit="run", disable=None):
+    runs = [(planner, margin) for planner in planners for margin in MARGINS]
+    for planner, margin in track(runs, len(runs), unit="run", label="margins"):
         method = Method(planner.name, WithMargin(problem, planner, parameter, margin))
         row, _ = run(problem, method, samples.parameters, baseline=baseline, batches=())
         rows.append(MarginRow(margin=margin, row=row))

@@ -11,8 +11,6 @@ optimal plans tracked with the same weights. The weights that are chosen from th
 import itertools
 from pathlib import Path
 
-from tqdm import tqdm
-
 import moe_policy
 import ocp_envs
 from moe_policy.control.weights import TrackingWeights
@@ -25,6 +23,7 @@ from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.store import load_file
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance
 
 CONTROL, TERMINAL, ROOM = (0.01, 0.1, 1.0, 10.0), (None, 1e3, 1e4, 1e5), (1.0, 0.1)
@@ -57,7 +56,8 @@ def main() -> None:
     optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     methods = [optimal, *planners_of(problem, arguments.planners)]
     rows = []
-    for r, s, room in tqdm([*itertools.product(CONTROL, TERMINAL, ROOM)], unit="weights", disable=None):
+    choices = [*itertools.product(CONTROL, TERMINAL, ROOM)]
+    for r, s, room in track(choices, len(choices), unit="choice", label="weights"):
         weights, baseline = TrackingWeights.uniform(problem, 1.0, r, s, room), None
         for method in methods:
             row, episodes = run(problem, method, samples.parameters, baseline=baseline, weights=weights, batches=())

@@ -21,7 +21,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 import ocp_envs
 from moe_policy import store
@@ -38,6 +37,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance
 
 #: Control period, seconds.
@@ -90,7 +90,7 @@ def work_all(task: Task, plants: Mapping[Path, EnvArguments], workers: int | Non
     """Call :func:`work` for each of ``plants`` whose file does not exist, in ``workers`` processes."""
     with WorkerPool(workers) as pool:
         futures = [pool.submit(work, task, plant, path) for path, plant in plants.items() if not path.exists()]
-        for future in tqdm(as_completed(futures), total=len(futures), unit="level", disable=None):
+        for future in track(as_completed(futures), len(futures), unit="level", label=task.env_id):
             future.result()
 
 

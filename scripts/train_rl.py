@@ -20,8 +20,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from moe_policy.experiments import cli, comparison
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.learners import (
@@ -39,6 +37,7 @@ from moe_policy.rl.settings import ALGORITHMS, RLSettings
 from moe_policy.rl.training import TrainingRun, train
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
+from ocp_envs.support.progress import Progress
 from ocp_envs.support.provenance import provenance
 
 
@@ -72,28 +71,30 @@ def trained(
     """Train with progress on the terminal; ``on_record`` is called with the record of the run after each evaluation."""
     development, began = reference.load(problem, "development"), provenance()
     cases = CaseSet(name="development", count=len(development))
-    bar = tqdm(total=settings.steps, unit="step", desc=f"{settings.algorithm}, {problem.id}", mininterval=5)
+    shown, done = Progress(settings.steps, unit="step", label=f"{settings.algorithm}, {problem.id}"), 0
 
     def report(run: TrainingRun) -> None:
+        nonlocal done
         last = run.curve[-1]
-        bar.update(last.steps - bar.n)
+        shown.update(last.steps - done)
+        done = last.steps
         cost = "-" if last.cost is None else f"{last.cost:.3f}"
-        bar.write(
+        cli.say(
             f"{last.steps:9d} steps {last.seconds:6.0f} s  success {last.success} cost {cost} "
             f"score {last.score:.3f} return {last.mean_return:.1f} final error {last.final_error:.3g}"
         )
         run.policy.save(kept)
         on_record(LearnerRun.of(run, cases, began))
 
-    run = train(
-        problem,
-        settings,
-        development.parameters,
-        optimal_costs=development.cost,
-        on_evaluation=report,
-        details={"development": cases.to_json()},
-    )
-    bar.close()
+    with shown:
+        run = train(
+            problem,
+            settings,
+            development.parameters,
+            optimal_costs=development.cost,
+            on_evaluation=report,
+            details={"development": cases.to_json()},
+        )
     return run, LearnerRun.of(run, cases, began)
 
 

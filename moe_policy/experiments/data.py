@@ -18,6 +18,7 @@ from ocp_envs.solvers.accuracy import Accuracy, accuracy
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.progress import Progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,11 @@ def _block(database: Database, where: slice, rows: StoredRows) -> tuple[dict[str
 
 def contents(database: Database, accuracy: Accuracy | None = None) -> Contents:
     """The statistics of ``database``, read and checked in blocks, with the ``accuracy`` of some of its plans."""
-    blocks = [_block(database, where, rows) for where, rows in database.blocks()]
+    blocks = []
+    with Progress(len(database), unit="instance", label=f"check of {database.path.stem}", leave=False) as shown:
+        for where, rows in database.blocks():
+            blocks.append(_block(database, where, rows))
+            shown.update(where.stop - where.start)
     counts = {name: np.sum([block[name] for block, _ in blocks], axis=0).tolist() for name in blocks[0][0]}
     totals, differences = Totals.of(database), np.concatenate([block for _, block in blocks])
     families = zip(database.problem.modes.names, counts["found"], counts["best"])

@@ -25,6 +25,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import Provenance
 from ocp_envs.trajectory import Trajectory
 
@@ -162,5 +163,6 @@ def estimates(problem: OptimalControlProblem, parameters: Array, plans: Trajecto
         f"held ×{factor}": (coarse * factor, held_costs(problem, parameters, plans, factor)) for factor in FINER
     }
     collocation, fine = Collocation(problem, coarse * FINER[-1]), refined(plans, FINER[-1])
-    costs = [collocation.cost(p, fine[i : i + 1]) for i, p in enumerate(parameters)]
+    shown = track(enumerate(parameters), len(parameters), unit="instance", label="collocation", leave=False)
+    costs = [collocation.cost(p, fine[i : i + 1]) for i, p in shown]
     return found | {COLLOCATION: (coarse * FINER[-1], np.array(costs))}

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from tqdm import tqdm
 
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline, renamed
 from ocp_envs import tables
@@ -20,6 +19,7 @@ from ocp_envs.sets import free_paths
 from ocp_envs.sets.sampling import sample
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import Provenance, peak_memory_gb
 
 #: Seeds of the initial conditions, of the paths in the table, and of those on which its error is measured.
@@ -190,5 +190,6 @@ class StartTables(Record):
 def _spines(problem: OptimalControlProblem, parameters: Array, solver: GuardedSolver) -> Array:
     """Spines of the free problem's optimal paths."""
     blocks = np.array_split(parameters, max(1, len(parameters) // _BLOCK))
-    parts = [free_paths.solve_free(problem, block, solver) for block in tqdm(blocks, desc="paths")]
+    shown = track(blocks, len(blocks), unit="block", label="paths")
+    parts = [free_paths.solve_free(problem, block, solver) for block in shown]
     return np.concatenate([free_paths.spines(problem, part) for part in parts])

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import cast
 
 import numpy as np
-from tqdm import tqdm
 
 from moe_policy import store
 from moe_policy.control.stabiliser import Stabilised, Stabiliser
@@ -35,6 +34,7 @@ from moe_policy.rl.actor import LearnedPolicy
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
+from ocp_envs.support.progress import track
 from ocp_envs.trajectory import Trajectory
 
 #: Instances that one thread solves and keeps at a time.
@@ -151,7 +151,8 @@ def solve_all(
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         shares = range(0, len(p), SHARE)
-        parts = list(tqdm(pool.map(solve, shares), total=len(shares), desc="optimal", disable=None, leave=False))
+        solved = pool.map(solve, shares)
+        parts = list(track(solved, len(shares), unit="part", label="optimal trajectories", leave=False))
     return Trajectory.concatenate([plan for plan, _ in parts]), np.concatenate([cost for _, cost in parts])
 
 

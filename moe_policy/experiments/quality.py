@@ -14,7 +14,6 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.experiments.data import contents
@@ -28,6 +27,7 @@ from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.files import replacing
 from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import Provenance
 
 BEYOND = 2
@@ -140,17 +140,13 @@ def exhaustive(problem: OptimalControlProblem, cases: Array, count: int, workers
     costs = _kept(store, key, (len(cases), len(widened(problem).targets)))
     begins = [i for i in range(0, len(cases), CASES_PER_TASK) if np.isnan(costs[i, 0])]
     _searcher(problem.id).start()  # compiles, once, before the workers need it
-    with (
-        WorkerPool(workers) as pool,
-        tqdm(total=len(begins), desc="exhaustive search", unit="task", disable=None) as bar,
-    ):
+    with WorkerPool(workers) as pool:
         tasks = {pool.submit(_search, problem.id, cases[i : i + CASES_PER_TASK], count, (SEED, i)): i for i in begins}
-        for task in as_completed(tasks):
+        for task in track(as_completed(tasks), len(tasks), unit="task", label="exhaustive search"):
             begin = tasks[task]
             costs[begin : begin + CASES_PER_TASK] = task.result()
             with replacing(store) as file:
                 np.savez(file, costs=costs, key=np.array(key))
-            bar.update()
     return costs
 
 

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.control.weights import TrackingWeights
@@ -35,6 +34,7 @@ from moe_policy.store import load_file
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.progress import track
 
 #: The paper's training settings, with which some planners are trained as well.
 PAPER = TrainingSettings.paper()
@@ -169,6 +169,6 @@ def execute_all(
             for run, key in runs.items()
             if run not in models and (names is None or run.name in names)
         }
-        for future in tqdm(as_completed(futures), total=len(futures), unit="model", disable=None):
+        for future in track(as_completed(futures), len(futures), unit="model", label=problem.id):
             models[futures[future]] = future.result()
     return models

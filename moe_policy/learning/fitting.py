@@ -14,12 +14,12 @@ from pathlib import Path
 
 import torch
 from torch import Tensor
-from tqdm import tqdm
 
 from moe_policy.learning.checkpoint import Checkpoint, State, identify
 from moe_policy.learning.examples import Examples, Loss
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.record import PartReport
+from ocp_envs.support.progress import Progress
 
 #: Rows of the training split that tell one training's data from another's.
 _IDENTIFYING = 100
@@ -69,7 +69,7 @@ class Objective:
         return float(total) / len(training)
 
 
-class Progress:
+class Minimisation:
     """How far the minimisation of ``objective`` has come: its losses, its best weights, the state to continue from."""
 
     #: What is stored in a checkpoint as it is.
@@ -150,21 +150,22 @@ class Progress:
         )
 
 
-def minimise(objective: Objective, checkpoint: Path | None = None, progress_bar: bool | None = None) -> PartReport:
+def minimise(objective: Objective, checkpoint: Path | None = None, progress: bool | None = None) -> PartReport:
     """Minimise ``objective``, whose parameters hold the best weights afterwards. Its state is written to the file
     ``checkpoint`` every minute and at the end; where that exists, the minimisation continues from it and ends with the
-    same weights as one that was not interrupted. ``progress_bar`` shows a bar, by default on a terminal.
+    same weights as one that was not interrupted. ``progress`` is shown as :class:`~ocp_envs.support.progress.Progress`
+    says, by default on a terminal alone.
     """
     file = None if checkpoint is None else Checkpoint(checkpoint, objective.identity())
-    progress = Progress(objective)
+    minimisation = Minimisation(objective)
     if file is not None and (state := file.read()) is not None:
-        progress.restore(state)
-    hidden, total = None if progress_bar is None else not progress_bar, objective.settings.epochs
-    with tqdm(desc=objective.name, initial=progress.epochs, total=total, disable=hidden, leave=False) as bar:
-        while not progress.finished:
-            progress.advance()
-            bar.update()
-            if file is not None and (file.due or progress.finished):
-                file.write(progress.state())
-    progress.set_weights(progress.best)
-    return progress.report()
+        minimisation.restore(state)
+    total, done = objective.settings.epochs, minimisation.epochs
+    with Progress(total, unit="epoch", label=objective.name, initial=done, shown=progress, leave=False) as shown:
+        while not minimisation.finished:
+            minimisation.advance()
+            shown.update()
+            if file is not None and (file.due or minimisation.finished):
+                file.write(minimisation.state())
+    minimisation.set_weights(minimisation.best)
+    return minimisation.report()

@@ -13,13 +13,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
-from tqdm import tqdm
 
 from moe_policy.learning.examples import Examples
 from moe_policy.learning.fitting import Objective, minimise
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.networks import SingleNetwork
 from moe_policy.planners.record import PartReport
+from ocp_envs.support.progress import track
 
 # Numbers of the random streams. A single network and a first expert share theirs, so that a mixture of one expert is
 # the single network.
@@ -64,8 +64,8 @@ class Part:
     seed: int
     checkpoint: Path | None = None
 
-    def train(self, progress_bar: bool | None = None) -> _Trained:
-        """The trained network and its report; ``progress_bar`` shows a bar, by default on a terminal."""
+    def train(self, progress: bool | None = None) -> _Trained:
+        """The trained network and its report; ``progress`` shows its epochs, by default on a terminal alone."""
         network = initial_network(self.sizes, self.seed, self.stream)
         gate = self.examples.classified
 
@@ -84,14 +84,14 @@ class Part:
             settings=self.settings,
             order=batch_order(self.seed, self.stream),
         )
-        report = minimise(objective, self.checkpoint, progress_bar)
+        report = minimise(objective, self.checkpoint, progress)
         return network, dataclasses.replace(report, accuracy=self.examples.test_loss(correct)) if gate else report
 
 
 def _in_worker(part: Part) -> tuple[_Weights, PartReport]:
     """Train ``part`` with one thread; the weights are arrays, which travel between processes."""
     torch.set_num_threads(1)
-    network, report = part.train(progress_bar=False)
+    network, report = part.train(progress=False)
     return {key: value.numpy() for key, value in network.state_dict().items()}, report
 
 
@@ -111,7 +111,7 @@ def train_parts(parts: Sequence[Part], executor: Executor | None = None) -> list
     order = sorted(range(len(parts)), key=lambda i: -len(parts[i].examples.x) * sum(parts[i].sizes))
     futures = {executor.submit(_in_worker, parts[i]): i for i in order}
     trained: dict[int, _Trained] = {}
-    for future in tqdm(as_completed(futures), total=len(parts), desc="networks", disable=None, leave=False):
+    for future in track(as_completed(futures), len(parts), unit="network", label="training", leave=False):
         i = futures[future]
         weights, report = future.result()
         trained[i] = _received(parts[i], weights), report

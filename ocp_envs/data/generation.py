@@ -23,7 +23,6 @@ from pathlib import Path
 import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import ArrayLike
-from tqdm import tqdm
 
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError, StoredRows, create_group
@@ -35,6 +34,7 @@ from ocp_envs.solvers.nlp import Status
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.progress import Progress
 from ocp_envs.support.workers import Workers
 
 #: How often each task in flight may lose its worker, while no chunk arrives, before the loss is an error.
@@ -59,7 +59,7 @@ def _workers(executor: Executor | None, count: int | None) -> Iterator[Workers]:
 class _Run:
     """Runs tasks with few in flight, writes each chunk as it arrives, and survives workers that die."""
 
-    def __init__(self, database: Database, workers: Workers, bar: tqdm[None]) -> None:
+    def __init__(self, database: Database, workers: Workers, bar: Progress) -> None:
         self._database, self._workers, self._bar = database, workers, bar
         self._failed = 0
         self._losses = 0  # since the last chunk arrived
@@ -94,8 +94,7 @@ class _Run:
         self._database.write(task.number, rows)
         self._losses = 0
         self._failed += int((rows.status != Status.SOLVED).sum())
-        self._bar.update(len(rows.status))
-        self._bar.set_postfix(failed=self._failed)
+        self._bar.update(len(rows.status), failed=self._failed)
         return None
 
     def _count_loss(self, error: BaseException) -> None:
@@ -133,7 +132,7 @@ def generate(
         seed: of the order and of the guesses.
         settings: how many guesses and warm starts are tried, and how.
         extrapolate: accept parameters outside the box.
-        progress: show a progress bar; by default where standard error is a terminal.
+        progress: show it, as a bar on a terminal and elsewhere as a line a minute; by default on a terminal alone.
 
     Returns:
         the finished database.
@@ -151,8 +150,7 @@ def generate(
         with GuardedSolver(problem, settings.solver) as solver:
             solver.start()  # compiles, once, before workers ask for it
         begun = database.totals()["problems"]
-        hidden = None if progress is None else not progress
-        bar = tqdm(total=len(p), initial=begun, unit="instance", desc=problem.id, disable=hidden)
+        bar = Progress(len(p), unit="instance", label=problem.id, initial=begun, shown=progress)
         with bar, _workers(executor, workers) as pool:
             run = _Run(database, pool, bar)
             for chunks in rounds(database, settings):

@@ -24,6 +24,7 @@ from ocp_envs.sets import free_paths
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.progress import track
 
 #: Rows of a task.
 _CHUNK = 2_000
@@ -76,7 +77,8 @@ def _(distribution: Blocked, problem: OptimalControlProblem, seed: int, n: int, 
         payload = cloudpickle.dumps(problem)
         with WorkerPool(count) as pool:
             futures = [pool.submit(_draw, payload, seed, *rows) for rows in bounds]
-            parts = [future.result() for future in futures]
+            shown = track(futures, len(futures), unit="block", label=f"draws of {problem.id}", leave=False)
+            parts = [future.result() for future in shown]
     return np.concatenate([*parts, np.empty((0, len(problem.parameters)))])
 
 

@@ -17,7 +17,10 @@ import traceback
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing import connection, get_context, parent_process
+from types import TracebackType
 from typing import ParamSpec, TypeVar, cast
+
+from ocp_envs.support import progress
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -41,9 +44,16 @@ class WorkerPool(Executor):
 
     Args:
         workers: number of processes; by default one per core.
+
+    As a context it ends after its tasks; where the block ends in an exception or an interrupt, it kills them.
+
+    Raises:
+        ValueError: fewer than one worker.
     """
 
     def __init__(self, workers: int | None = None) -> None:
+        if workers is not None and workers < 1:
+            raise ValueError(f"got workers={workers}, expected at least 1, or None for one per core")
         self._threads = ThreadPoolExecutor(workers or os.cpu_count() or 1, thread_name_prefix="worker")
         self._own = threading.local()
         self._workers: list[_Worker] = []
@@ -65,6 +75,11 @@ class WorkerPool(Executor):
             self._own.worker = None
             self._workers.remove(worker)
             raise
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.shutdown(wait=kind is None)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes.
@@ -122,6 +137,7 @@ def _serve(pipe: connection.Connection) -> None:
     """Run the tasks that arrive, until the pipe or the parent ends; what the worker runs."""
     # Only the parent reacts to an interrupt at the terminal: no task may be broken off.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    progress.show(False)  # the parent shows how many tasks are done
     parent = parent_process()
     assert parent is not None
     threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()

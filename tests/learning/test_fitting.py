@@ -9,7 +9,7 @@ from torch import nn
 
 from moe_policy.learning.checkpoint import Checkpoint, CheckpointError
 from moe_policy.learning.examples import Examples, Split
-from moe_policy.learning.fitting import Objective, Progress, minimise
+from moe_policy.learning.fitting import Minimisation, Objective, minimise
 from moe_policy.learning.settings import TrainingSettings
 
 SETTINGS = TrainingSettings(epochs=40, batch=8, learning_rate=0.05)
@@ -51,7 +51,7 @@ def test_the_minimum_is_found():
 
 def test_the_weights_of_the_best_epoch_are_kept():
     task = wandering([3.0, 1.0, 2.0, 1.5])
-    progress, after = Progress(task), []
+    progress, after = Minimisation(task), []
     while not progress.finished:
         progress.advance()
         after.append(task.parameters[0].detach().clone())

@@ -29,11 +29,11 @@ def test_random_streams_differ_by_seed_by_part_and_by_purpose():
 
 
 def test_a_network_that_learns_classes_is_a_gate():
-    network, report = GATE.train(progress_bar=False)
+    network, report = GATE.train(progress=False)
     right = (network(torch.from_numpy(X[50:])).argmax(dim=1).numpy() == (X[50:, 0] > 0)).mean()
     assert report.accuracy == pytest.approx(right)
     assert report.accuracy > 0.8
-    assert REGRESSOR.train(progress_bar=False)[1].accuracy is None
+    assert REGRESSOR.train(progress=False)[1].accuracy is None
 
 
 @pytest.mark.parametrize(("part", "steps"), [(GATE, 3), (REGRESSOR, 5)])
@@ -41,7 +41,7 @@ def test_gates_and_regressors_have_minibatches_of_their_own(part, steps, monkeyp
     """50 training samples are 3 batches of up to 20 or 5 batches of 10."""
     taken, step = [], torch.optim.Adam.step
     monkeypatch.setattr(torch.optim.Adam, "step", lambda self: (taken.append(self), step(self)))
-    dataclasses.replace(part, settings=dataclasses.replace(SETTINGS, epochs=1)).train(progress_bar=False)
+    dataclasses.replace(part, settings=dataclasses.replace(SETTINGS, epochs=1)).train(progress=False)
     assert len(taken) == steps
 
 

@@ -62,7 +62,7 @@ def test_a_classifier_learns_the_classes_of_all_rows(samples, data):
 
 def test_the_planner_carries_the_record_of_its_training(samples, data):
     part = data.regressor("single", (5,), 1)
-    network, report = part.train(progress_bar=False)
+    network, report = part.train(progress=False)
     planner = data.planner("mine", network, ARGMAX, [report], clusters={"k": 1})
     assert planner.details["seed"] == 1
     assert planner.details["samples"] == 120

@@ -92,3 +92,22 @@ def test_a_shutdown_without_waiting_ends_tasks_and_processes(tmp_path):
     assert waiting.cancelled()
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+def test_a_block_that_fails_or_is_interrupted_does_not_wait_for_its_tasks(tmp_path):
+    def interrupted():
+        with WorkerPool(1) as pool:
+            pool.submit(nap, 60, tmp_path / "began")
+            read_when_there(tmp_path / "began")
+            raise KeyboardInterrupt
+
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert time.monotonic() - began < 30
+
+
+@pytest.mark.parametrize("workers", [0, -2])
+def test_a_pool_without_workers_is_refused(workers):
+    with pytest.raises(ValueError, match="expected at least 1, or None for one per core"):
+        WorkerPool(workers)

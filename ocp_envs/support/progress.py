@@ -1,0 +1,135 @@
+"""Progress of long work: a bar on a terminal, elsewhere a line a minute, and nothing for work of less than a minute.
+
+A library is silent where nobody watches: without a terminal, lines are written only where a caller or its program asks
+for them (:func:`show`).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from types import TracebackType
+from typing import Self, TypeVar
+
+from tqdm import tqdm
+
+T = TypeVar("T")
+
+#: Seconds between two lines, and before the first one.
+INTERVAL = 60.0
+#: What ``shown=None`` means in this process.
+_shown: bool | None = None
+
+
+def show(shown: bool | None) -> None:
+    """Decide how this process shows progress where a caller of :class:`Progress` does not.
+
+    Args:
+        shown: ``True`` for a bar on a terminal and lines elsewhere, ``None`` for the bar alone, ``False`` for nothing.
+    """
+    global _shown
+    _shown = shown
+
+
+class Progress:
+    """How many of ``total`` pieces of work are done; a context.
+
+    Args:
+        total: number of pieces.
+        unit: what one of them is, such as ``"instance"``.
+        label: what is being done.
+        initial: number of pieces that were done before.
+        shown: as for :func:`show`; ``None`` for what that decided.
+        leave: keep the bar on the terminal after the end.
+    """
+
+    def __init__(
+        self, total: int, *, unit: str, label: str, initial: int = 0, shown: bool | None = None, leave: bool = True
+    ) -> None:
+        shown, terminal = _shown if shown is None else shown, sys.stderr is not None and sys.stderr.isatty()
+        hidden = not terminal or shown is False
+        self._bar = tqdm(total=total, unit=unit, desc=label, initial=initial, leave=leave, disable=hidden)
+        self._lines = _Lines(total, unit, label, initial) if shown and not terminal else None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def update(self, count: int = 1, **facts: object) -> None:
+        """Count ``count`` pieces as done; ``facts`` are shown with them, such as ``failed=3``."""
+        self._bar.update(count)
+        if facts:
+            self._bar.set_postfix(facts)
+        if self._lines is not None:
+            self._lines.update(count, facts)
+
+    def close(self) -> None:
+        """End the bar, or write a last line if there was one."""
+        self._bar.close()
+        if self._lines is not None:
+            self._lines.close()
+
+
+def track(
+    items: Iterable[T], total: int, *, unit: str, label: str, shown: bool | None = None, leave: bool = True
+) -> Iterator[T]:
+    """The ``items``, each of which counts as done when the next one is asked for.
+
+    Args:
+        items: any number of them.
+        total: how many there are.
+        unit: as for :class:`Progress`, and so are ``label``, ``shown`` and ``leave``.
+    """
+    with Progress(total, unit=unit, label=label, shown=shown, leave=leave) as progress:
+        for item in items:
+            yield item
+            progress.update()
+
+
+class _Lines:
+    """Progress as lines on standard error."""
+
+    def __init__(self, total: int, unit: str, label: str, initial: int) -> None:
+        self._total, self._unit, self._label = total, unit, label
+        self._initial = self._done = self._written = initial
+        self._facts: dict[str, object] = {}
+        self._began = self._last = time.monotonic()
+
+    def update(self, count: int, facts: dict[str, object]) -> None:
+        self._done += count
+        self._facts |= facts
+        if (now := time.monotonic()) - self._last >= INTERVAL:
+            self._write(now)
+
+    def close(self) -> None:
+        if self._last > self._began and self._done > self._written:
+            self._write(time.monotonic())
+
+    def _write(self, now: float) -> None:
+        self._last, self._written = now, self._done
+        new, elapsed = self._done - self._initial, now - self._began
+        told = [f"{self._done:,} of {self._total:,} {self._unit}s", f"{duration(elapsed)} so far"]
+        if new:
+            told += [rate(new / elapsed, self._unit), f"{duration((self._total - self._done) * elapsed / new)} left"]
+        told += [f"{name} {value}" for name, value in self._facts.items()]
+        print(f"{self._label}: {', '.join(told)}", file=sys.stderr, flush=True)
+
+
+def rate(per_second: float, unit: str) -> str:
+    """``per_second`` pieces, each a ``unit``, in words such as ``"20 instances/s"`` or ``"40 s per instance"``."""
+    if per_second < 1:
+        return f"{1 / per_second:.3g} s per {unit}"
+    return f"{per_second:,.0f} {unit}s/s" if per_second >= 100 else f"{per_second:.3g} {unit}s/s"
+
+
+def duration(seconds: float) -> str:
+    """``seconds`` in words, such as ``"40 s"``, ``"5 min"`` or ``"2 h 05 min"``."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
