@@ -3,6 +3,10 @@
 A component of p that carries the name of a state coordinate is the initial value of that coordinate. Every other
 component belongs to the *context* s, which is constant over an episode. State coordinates that p does not name begin at
 a fixed value.
+
+An angle that is increased by a whole turn is another way of writing the same initial state. :meth:`in_one_turn
+<Parametrisation.in_one_turn>` chooses one of them, in the turn around the centre of the parameter box; where the box
+covers a whole turn, its ends are the same state, which is written as the lower one.
 """
 
 from __future__ import annotations
@@ -17,6 +21,9 @@ from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.system import Box
 
 BOX_TOLERANCE = 1e-6
+#: The turn around the centre ends by this fraction of a turn before its upper end, so that rounding does not decide by
+#: which end a state there is written.
+SEAM = 1e-9
 
 
 class OutsideBoxError(ValueError):
@@ -30,26 +37,27 @@ class Parametrisation:
     Args:
         owner: the id of the problem, for messages.
         box: of p.
-        states: names of the state coordinates.
+        states: the box of x, for the names and the periods of its coordinates.
         rest: initial values of the state coordinates that p does not name, (nx,).
     """
 
     owner: str
     box: Box
-    states: tuple[str, ...]
+    states: Box
     rest: Array
 
     @cached_property
     def context(self) -> Box:
         """Coordinates of s."""
-        return Box(tuple(c for c in self.box.coordinates if c.name not in self.states))
+        return Box(tuple(c for c in self.box.coordinates if c.name not in self.states.names))
 
     @cached_property
     def _slots(self) -> tuple[Ints, Ints, Ints]:
         """Components of p that are initial values, the state coordinates they belong to, and components of s."""
-        in_state = [i for i, name in enumerate(self.box.names) if name in self.states]
-        slots = [self.states.index(self.box.names[i]) for i in in_state]
-        in_context = [i for i, name in enumerate(self.box.names) if name not in self.states]
+        names = self.states.names
+        in_state = [i for i, name in enumerate(self.box.names) if name in names]
+        slots = [names.index(self.box.names[i]) for i in in_state]
+        in_context = [i for i, name in enumerate(self.box.names) if name not in names]
         return np.array(in_state, np.int64), np.array(slots, np.int64), np.array(in_context, np.int64)
 
     def start(self, p: Array) -> tuple[Array, Array]:
@@ -67,8 +75,44 @@ class Parametrisation:
         p[:, in_context] = contexts
         return p
 
+    @cached_property
+    def _turn(self) -> tuple[Array, Array, Array]:
+        """Period, first value and end of the turn around the centre of each component of p, (np,) each.
+
+        The period of an initial value is that of its state coordinate. Without a period there is no end.
+        """
+        in_state, slots, _ = self._slots
+        periods = self.box.periods.copy()
+        periods[in_state] = self.states.periods[slots]
+        endless = np.where(periods > 0, 0.0, np.inf)
+        first = self.box.centre - periods / 2
+        return periods, first - SEAM * periods - endless, first + (1 - SEAM) * periods + endless
+
+    def in_one_turn(self, p: Array) -> tuple[Array, Array]:
+        """``p`` (B, np) with its angles in the turn around the centre of the box, and the whole turns from there back.
+
+        Angles that are in that turn already are not changed by a bit. The second array, (B, nx), holds the whole turns
+        in the units of the states: what is added to states of the first to obtain those of ``p`` as it was written.
+        """
+        periods, first, end = self._turn
+        turns = np.zeros((len(p), len(self.states)))
+        away = (p < first) | (p >= end)
+        if not away.any():
+            return p, turns
+        columns = periods > 0
+        within = p.copy()
+        low, period = self.box.centre[columns] - periods[columns] / 2, periods[columns]
+        turned = low + np.mod(p[:, columns] - low, period)
+        turned = np.where(turned >= end[columns], turned - period, turned)
+        within[:, columns] = np.where(away[:, columns], turned, p[:, columns])
+        in_state, slots, _ = self._slots
+        turns[:, slots] = (p - within)[:, in_state]
+        return within, turns
+
     def check(self, p: ArrayLike, extrapolate: bool) -> Array:
         """``p`` as a float64 array (B, np), inside the box unless ``extrapolate``, finite in any case.
+
+        Inside is also what whole turns of angles bring inside; it is returned as it was written.
 
         Raises:
             ValueError: wrong shape, or a value that is not finite.
@@ -84,6 +128,8 @@ class Parametrisation:
             row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
             raise ValueError(f"{self.owner}: parameters must be finite; row {row} is {array[row]}")
         outside = ~self.box.contains(array, BOX_TOLERANCE)
+        if outside.any() and not extrapolate:
+            outside = ~self.box.contains(self.in_one_turn(array)[0], BOX_TOLERANCE)
         if outside.any() and not extrapolate:
             row = int(np.flatnonzero(outside)[0])
             raise OutsideBoxError(

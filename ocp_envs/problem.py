@@ -130,7 +130,7 @@ class OptimalControlProblem:
     def parametrisation(self) -> Parametrisation:
         """The map between p and (x_0, s)."""
         rest = self.goal.state if self.rest is None else self.rest
-        return Parametrisation(self.id, self.parameters, self.system.state.names, rest)
+        return Parametrisation(self.id, self.parameters, self.system.state, rest)
 
     @property
     def context(self) -> Box:
@@ -146,9 +146,21 @@ class OptimalControlProblem:
 
         Raises:
             ValueError: wrong shape, or a value that is not finite.
-            OutsideBoxError: outside the box by more than 1e-6 of its width.
+            OutsideBoxError: outside the box by more than 1e-6 of its width, also after whole turns of angles.
         """
         return self.parametrisation.check(p, extrapolate)
+
+    def in_one_turn(self, p: ArrayLike) -> tuple[Array, Array]:
+        """Parameters ``p`` (B, np) or (np,), in the box or not, with their angles written in one turn.
+
+        Returns:
+            the parameters (B, np) whose angles are in the turn around the centre of the box, not changed by a bit where
+            they were there already; and the whole turns (B, nx) that lead from their initial states to those of ``p``.
+
+        Raises:
+            ValueError: wrong shape, or a value that is not finite.
+        """
+        return self.parametrisation.in_one_turn(self.check_parameters(p, extrapolate=True))
 
     def start(self, p: Array) -> tuple[Array, Array]:
         """Initial states (B, nx) and contexts (B, nc) of parameters ``p`` (B, np)."""

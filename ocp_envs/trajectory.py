@@ -8,7 +8,7 @@ A trajectory has N knots t_i = i·t_f/(N-1), states x_i at the knots and control
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,6 +82,10 @@ class Trajectory(Batch):
             ],
             axis=1,
         )
+
+    def shifted(self, offset: Array) -> Trajectory:
+        """These trajectories with ``offset`` (B, nx) added to all states of each."""
+        return replace(self, states=self.states + offset[:, None]) if offset.any() else self
 
     @classmethod
     def from_flat(cls, z: ArrayLike, knots: int, nx: int, nu: int) -> Trajectory:

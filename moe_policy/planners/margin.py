@@ -43,5 +43,6 @@ class WithMargin:
         self._shift = margin * (np.array(problem.parameters.names) == parameter)
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters ``p`` (B, np) or (np,), made for the parameters with the margin added."""
-        return self.planner(self.problem.check_parameters(p, extrapolate=True) + self._shift)
+        """Plans of parameters ``p`` (B, np) or (np,), in any turn, made for the parameters with the margin added."""
+        within, turns = self.problem.in_one_turn(p)
+        return self.planner(within + self._shift).shifted(turns)

@@ -11,7 +11,7 @@ from moe_policy.model_files import ModelFile, Tensors, write_model
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Ints
+from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.trajectory import Trajectory
 
 
@@ -37,11 +37,15 @@ class NearestPlanner:
         """Rows (B, k) of the ``k`` stored parameters that are nearest to ``p`` (B, np) or (np,), nearest first."""
         if not 1 <= k <= len(self.parameters):
             raise ValueError(f"k must lie in 1 … {len(self.parameters)}, the number of stored samples; got {k}")
-        return self._stored.nearest(self.problem.check_parameters(p, extrapolate=True), k)[1]
+        return self._rows(self.problem.in_one_turn(p)[0], k)
+
+    def _rows(self, within: Array, k: int) -> Ints:
+        return self._stored.nearest(within, k)[1]
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters ``p`` (B, np) or (np,)."""
-        return self.trajectory[self.neighbours(p)[:, 0]]
+        """Plans of parameters ``p`` (B, np) or (np,), their angles in any turn."""
+        within, turns = self.problem.in_one_turn(p)
+        return self.trajectory[self._rows(within, 1)[:, 0]].shifted(turns)
 
     @property
     def parameters_total(self) -> int:

@@ -67,18 +67,22 @@ class NetworkPlanner:
             wanted = f"expected networks and scalers from {expected[0]} to {expected[1]} values"
             raise ValueError(f"{self.problem.id}: {wanted}, got networks {networks} and scalers {scalers}")
 
-    def _scaled(self, p: ArrayLike) -> torch.Tensor:
-        checked = self.problem.check_parameters(p, extrapolate=True)
-        return torch.from_numpy(self.inputs.scale(checked).astype(np.float32))
+    def _scaled(self, p: ArrayLike) -> tuple[torch.Tensor, Array]:
+        """Inputs (B, np) of the network, and the whole turns (B, nx) from its plans to those of ``p``."""
+        within, turns = self.problem.in_one_turn(p)
+        return torch.from_numpy(self.inputs.scale(within).astype(np.float32)), turns
 
-    def _trajectory(self, outputs: torch.Tensor) -> Trajectory:
-        return self.problem.unflatten(self.outputs.unscale(outputs.numpy()))
+    def _trajectory(self, outputs: torch.Tensor, turns: Array) -> Trajectory:
+        return self.problem.unflatten(self.outputs.unscale(outputs.numpy())).shifted(turns)
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters ``p`` (B, np) or (np,), which must be finite; outside their box they are extrapolated."""
-        x = self._scaled(p)
+        """Plans of parameters ``p`` (B, np) or (np,), which must be finite; outside their box they are extrapolated.
+
+        The angles of p may be written in any turn; a plan begins in the turn of its p.
+        """
+        x, turns = self._scaled(p)
         with torch.inference_mode():
-            return self._trajectory(outputs_of(self.network, x, self.mixing))
+            return self._trajectory(outputs_of(self.network, x, self.mixing), turns)
 
     @property
     def _mixture(self) -> MixtureOfExperts:
@@ -88,16 +92,16 @@ class NetworkPlanner:
 
     def gate(self, p: ArrayLike) -> tuple[Ints, Array]:
         """The chosen expert (B,) of parameters ``p``, and the gate's probabilities softmax(c) (B, r)."""
-        x = self._scaled(p)
+        x, _ = self._scaled(p)
         with torch.inference_mode():
             logits = self._mixture.gate(x)
             return logits.argmax(dim=1).numpy(), torch.softmax(logits.double(), dim=1).numpy()
 
     def experts(self, p: ArrayLike) -> tuple[Trajectory, ...]:
         """The plans of every expert for parameters ``p``, r batches of B."""
-        x = self._scaled(p)
+        x, turns = self._scaled(p)
         with torch.inference_mode():
-            return tuple(self._trajectory(outputs) for outputs in self._mixture.all_experts(x))
+            return tuple(self._trajectory(outputs, turns) for outputs in self._mixture.all_experts(x))
 
     def expert_planners(self) -> tuple[NetworkPlanner, ...]:
         """A planner for each expert of a mixture, which uses that expert alone, whatever the gate says.

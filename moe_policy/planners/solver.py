@@ -118,15 +118,18 @@ class SolverPlanner:
     def best(self, p: ArrayLike) -> tuple[Trajectory, Array]:
         """The cheapest verified solutions for ``p`` (B, np) or (np,), in its box or not, and their costs (B,); NaN and
         +inf where there is none.
+
+        The angles of p may be written in any turn. Every instance is solved in the turn around the centre of the box,
+        where the windings of the goal count from, and the solution is turned back.
         """
-        checked = self.problem.check_parameters(p, extrapolate=True)
+        within, turns = self.problem.in_one_turn(p)
         usual = [random_kind(self.problem)] * self.random_guesses
-        trajectory, cost = self._best(checked, usual, retry_with_fallback=False)
+        trajectory, cost = self._best(within, usual, retry_with_fallback=False)
         unsolved = ~np.isfinite(cost)
-        if not unsolved.any():
-            return trajectory, cost
-        again, cost[unsolved] = self._best(checked[unsolved], ["line", *usual], retry_with_fallback=True)
-        return trajectory.replaced(unsolved, again), cost
+        if unsolved.any():
+            again, cost[unsolved] = self._best(within[unsolved], ["line", *usual], retry_with_fallback=True)
+            trajectory = trajectory.replaced(unsolved, again)
+        return trajectory.shifted(turns), cost
 
     def _best(self, p: Array, kinds: Sequence[GuessKind], retry_with_fallback: bool) -> tuple[Trajectory, Array]:
         """The best solution from warm starts and from a guess of each of ``kinds`` to each winding."""
@@ -165,7 +168,8 @@ class SolverPlanner:
 
     def _random_guesses(self, p: Array, kinds: Sequence[GuessKind]) -> Iterator[_Attempts]:
         for row in range(len(p)) if kinds else ():
-            rng = np.random.default_rng((self.seed, *p[row].view(np.uint64).tolist()))
+            # In single precision: an angle that was written in another turn differs by rounding errors.
+            rng = np.random.default_rng((self.seed, *p[row].astype(np.float32).view(np.uint32).tolist()))
             for kind, group in itertools.groupby(kinds):
                 winding = np.repeat(np.arange(len(self.problem.targets)), len(list(group)))
                 repeated = np.repeat(p[row : row + 1], len(winding), axis=0)
@@ -180,7 +184,7 @@ def _checked_guessers(problem: OptimalControlProblem, guessers: Sequence[Planner
         if not callable(planner):
             what = type(guessers if planner is None else planner).__name__
             raise TypeError(f"expected a sequence of planners as guessers, such as (planner,); got {what}")
-        _check_owner(problem, getattr(planner, "problem", problem), "a guesser")
+        _check_owner(problem, getattr(planner, "problem", None), "a guesser")
     return given
 
 
@@ -196,6 +200,6 @@ def _nearest(problem: OptimalControlProblem, database: Samples | SampleSource) -
     return NearestPlanner(samples)
 
 
-def _check_owner(problem: OptimalControlProblem, owner: OptimalControlProblem, what: str) -> None:
-    if owner.id != problem.id:
+def _check_owner(problem: OptimalControlProblem, owner: object, what: str) -> None:
+    if isinstance(owner, OptimalControlProblem) and owner.id != problem.id:
         raise ValueError(f"{what} belongs to {owner.id}, not to {problem.id}")

@@ -32,13 +32,13 @@ class Symmetrised:
         self.name = name or f"{getattr(planner, 'name', 'planner')}, {self.symmetry.name}"
 
     def __call__(self, p: ArrayLike) -> Trajectory:
-        """Plans of parameters ``p`` (B, np) or (np,)."""
+        """Plans of parameters ``p`` (B, np) or (np,), their angles in any turn."""
         problem, symmetry = self.problem, self.symmetry
-        parameters = problem.check_parameters(p, extrapolate=True)
+        parameters, turns = problem.in_one_turn(p)
         states, contexts = problem.start(parameters)
         mirrored = problem.parameters_of(symmetry.states(states), symmetry.contexts(contexts))
         plan, other = self.planner(parameters), symmetry.trajectories(self.planner(mirrored))
         apart = np.abs(plan.states - other.states) / problem.system.state.scale
         agree = apart.max(axis=(1, 2)) < AGREEMENT
         mean = np.where(agree[:, None], (plan.flat() + other.flat()) / 2, plan.flat())
-        return problem.unflatten(mean)
+        return problem.unflatten(mean).shifted(turns)

@@ -124,7 +124,7 @@ def generate(
     Args:
         problem: what to solve; it need not be registered.
         path: folder of the database.
-        parameters: (M, np).
+        parameters: (M, np). Those that whole turns of angles bring into the box are solved and stored there.
         executor: any ``concurrent.futures`` executor, such as a Dask cluster's ``client.get_executor()``; by default a
             pool of processes. If it breaks, its error is raised and every finished chunk is stored.
         workers: processes of the default pool, or tasks that ``executor`` runs at once; one per core where not given.
@@ -143,6 +143,8 @@ def generate(
         ValueError: parameters of the wrong shape, not finite, or outside the box.
     """
     p, folder = problem.check_parameters(parameters, extrapolate), Path(path)
+    outside = ~problem.parameters.contains(p)
+    p[outside] = problem.in_one_turn(p[outside])[0]
     if folder.exists() and (finished := _open_or_create(problem, folder, p, seed, settings)).complete:
         return finished
     with _only_writer(folder):

@@ -8,20 +8,26 @@ from scipy.spatial import cKDTree
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.system import Box
 
+_FARTHEST = 1e100
+
 
 class Neighbours:
-    """A search among stored ``parameters`` (M, np), which lie in ``box``."""
+    """A search among stored ``parameters`` (M, np), in or near ``box``."""
 
     def __init__(self, box: Box, parameters: Array) -> None:
         self._width = box.width
-        self._tree = cKDTree(parameters / box.width)
+        self._tree = cKDTree(self._scaled(parameters))
+
+    def _scaled(self, p: Array) -> Array:
+        """``p`` in box widths, at most so far away that squares of distances are finite."""
+        return np.clip(p / self._width, -_FARTHEST, _FARTHEST)
 
     def nearest(self, p: Array, k: int) -> tuple[Array, Ints]:
         """Distances in box widths and rows of the ``k`` ≥ 1 stored parameters nearest to ``p`` (B, np), both (B, k).
 
         The nearest come first; where fewer are stored, these are all of them.
         """
-        distance, rows = self._tree.query(p / self._width, k=range(1, min(k, self._tree.n) + 1))
+        distance, rows = self._tree.query(self._scaled(p), k=range(1, min(k, self._tree.n) + 1))
         return np.asarray(distance), np.asarray(rows, dtype=np.int64)
 
     def offsets(self, p: Array, rows: Ints) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -66,6 +66,24 @@ class Samples(Batch):
         costs = np.full((count, modes), np.nan)
         return cls(problem, parameters, trajectory, mode, unknown, multipliers, costs, np.arange(count))
 
+    def in_one_turn(self) -> Samples:
+        """The same instances with the angles of their parameters in the turn around the centre of the box, where
+        planners look for them: these samples themselves where all angles are there already.
+
+        Trajectories are turned as well, and families found anew; costs of all families of a turned sample are unknown.
+        """
+        within, turns = self.problem.in_one_turn(self.parameters)
+        turned = (within != self.parameters).any(axis=1)
+        if not turned.any():
+            return self
+        trajectory = self.trajectory.shifted(-turns)
+        mode, costs = np.array(self.mode), np.array(self.mode_costs)
+        mode[turned] = self.problem.modes.classify(
+            self.problem, within[turned], trajectory[turned], self.multipliers[turned]
+        )
+        costs[turned] = np.nan
+        return replace(self, parameters=within, trajectory=trajectory, mode=mode, mode_costs=costs)
+
 
 class SampleSource(Protocol):
     """What returns samples whose trajectories are all finite, such as a :class:`~ocp_envs.data.database.Database`."""
@@ -75,7 +93,7 @@ class SampleSource(Protocol):
 
 
 def samples_of(data: Samples | SampleSource) -> Samples:
-    """The samples of a database, or ``data`` itself if it is samples already.
+    """The samples of a database, or ``data`` itself if it is samples already, with their angles in one turn.
 
     Raises:
         TypeError: neither.
@@ -91,4 +109,4 @@ def samples_of(data: Samples | SampleSource) -> Samples:
         samples.problem.check_parameters(samples.parameters, extrapolate=True)
         if bad := int((~samples.trajectory.finite).sum()):
             raise ValueError(f"{bad} of {len(samples)} trajectories are not finite; select solved samples only")
-    return samples
+    return samples.in_one_turn()

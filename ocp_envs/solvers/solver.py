@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol
 
@@ -102,8 +102,10 @@ class GuardedSolver:
 class Solution:
     """The best known optimum of the instance with ``parameters`` (np,), and the best trajectory of every family.
 
-    In ``modes`` each solution family of the problem has a row, EMPTY where no trajectory was found. The ``status`` is
-    SOLVED where any family was found, otherwise how the first solve failed.
+    Trajectories begin in the turn in which the angles of ``parameters`` are written. Families are those of the same
+    instance in the turn around the centre of the parameter box: their windings count from there. In ``modes`` each
+    solution family of the problem has a row, EMPTY where no trajectory was found. The ``status`` is SOLVED where any
+    family was found, otherwise how the first solve failed.
     """
 
     parameters: Array
@@ -140,7 +142,7 @@ def solve(
 
     Args:
         problem: the problem.
-        p: parameters of the instance, (np,).
+        p: parameters of the instance, (np,), their angles in any turn.
         extrapolate: accept parameters outside the problem's box.
         seed: of the random guesses.
         starts: guesses for each winding: one straight line, the others random.
@@ -148,7 +150,8 @@ def solve(
     Raises:
         ValueError: more than one instance, parameters that are not finite or outside the box, or ``starts`` < 1.
     """
-    parameters = problem.check_parameters(p, extrapolate)
+    given = problem.check_parameters(p, extrapolate)
+    parameters, turns = problem.in_one_turn(given)
     if len(parameters) != 1 or starts < 1:
         raise ValueError(f"solve takes one instance and starts ≥ 1, got {len(parameters)} and {starts}")
     rng, count = np.random.default_rng(seed), len(problem.targets)
@@ -166,4 +169,4 @@ def solve(
     )
     modes = best_per_mode(problem, parameters[0], solutions)
     status = Status.SOLVED if solutions.solved.any() else Status(int(solutions.status[0]))
-    return Solution(parameters[0], modes, status)
+    return Solution(given[0], replace(modes, trajectory=modes.trajectory.shifted(turns)), status)

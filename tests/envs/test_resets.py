@@ -18,7 +18,7 @@ from ocp_envs.problems.pendulum import PENDULUM
     [
         ([np.nan, 0.0], ValueError, "finite"),
         ([0.0], ValueError, r"expected parameters \(theta, omega\)"),
-        ([7.0, 0.0], OutsideBoxError, "extrapolate=True"),
+        ([7.0, 3.0], OutsideBoxError, "extrapolate=True"),
         ([[0.0, 0.0], [1.0, 0.0]], ValueError, "one episode, got 2"),
     ],
 )
@@ -34,10 +34,19 @@ def test_refuses_mistyped_options():
 
 def test_extrapolates_only_within_the_operating_box():
     env = Env(PENDULUM)
-    env.reset(options={"parameters": [7.0, 0.0], "extrapolate": True})
-    assert env.state[0] == 7.0
+    env.reset(options={"parameters": [7.0, 3.0], "extrapolate": True})
+    assert env.state.tolist() == [7.0, 3.0]
     with pytest.raises(ValueError, match="outside the operating box"):
         env.reset(options={"parameters": [7.0, 50.0], "extrapolate": True})
+
+
+def test_an_episode_begins_in_the_turn_in_which_its_angles_are_written():
+    env = Env(PENDULUM)
+    for theta in (1.0, 1.0 + 2 * np.pi, 1.0 - 4 * np.pi):
+        env.reset(options={"parameters": [theta, 0.0]})
+        assert env.state[0] == theta
+    with pytest.raises(ValueError, match="outside the operating box"):
+        env.reset(options={"parameters": [1.0 + 20 * np.pi, 0.0]})
 
 
 @pytest.mark.parametrize(
@@ -45,7 +54,7 @@ def test_extrapolates_only_within_the_operating_box():
     [
         ({"parameters": np.zeros((2, 2))}, ValueError, "1 or 3 rows, got 2"),
         ({"parameters": np.full((3, 2), np.nan)}, ValueError, "finite"),
-        ({"parameters": [-1.0, 0.0]}, OutsideBoxError, "extrapolate=True"),
+        ({"parameters": [-1.0, 3.0]}, OutsideBoxError, "extrapolate=True"),
         ({"parameter": [0.0, 0.0]}, ValueError, r"unknown option 'parameter' .* did you mean 'parameters'"),
         ({"reset_mask": np.array([1, 0, 1])}, ValueError, "boolean array"),
         ({"reset_mask": np.zeros(3, bool)}, ValueError, "at least one True"),

@@ -22,6 +22,10 @@ def test_there_are_no_more_neighbours_than_samples(planners, k):
         planners["nearest"].neighbours([0.0, 0.0], k)
 
 
+def test_something_is_nearest_however_far_away_it_is(planners):
+    assert planners["nearest"]([[1e308, -1e308], [0.0, 1e200]]).finite.all()
+
+
 def test_what_is_stored_can_be_learnt_from(planners, samples_of_three_modes):
     samples = planners["nearest"].samples()
     np.testing.assert_array_equal(samples.parameters, samples_of_three_modes.parameters)

@@ -186,9 +186,18 @@ def test_solve_finds_every_mode():
     assert verify(PENDULUM, solution.parameters[None], solution.trajectory).passed[0]
 
 
+def test_the_optimum_does_not_depend_on_the_turn_in_which_angles_are_written():
+    here, there = (solve(PENDULUM, [0.7 + turn, 0.3], starts=2) for turn in (0.0, 6 * np.pi))
+    np.testing.assert_allclose(there.modes.cost, here.modes.cost, rtol=1e-9)
+    assert there.mode == here.mode
+    assert there.parameters.tolist() == [0.7 + 6 * np.pi, 0.3]
+    moved = there.modes.trajectory.states - here.modes.trajectory.states
+    np.testing.assert_allclose(moved, np.broadcast_to([6 * np.pi, 0.0], moved.shape), atol=1e-9)
+
+
 def test_solve_refuses_bad_parameters():
     with pytest.raises(OutsideBoxError):
-        solve(PENDULUM, [7.0, 0.0])
+        solve(PENDULUM, [7.0, 3.0])
     with pytest.raises(ValueError, match="finite"):
         solve(PENDULUM, [np.nan, 0.0], extrapolate=True)
     with pytest.raises(ValueError, match="one instance"):
