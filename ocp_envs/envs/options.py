@@ -119,8 +119,9 @@ class EnvOptions:
 
     @property
     def metadata(self) -> Info:
-        """Gymnasium's metadata, with one frame for each control step."""
-        return {"render_modes": list(RENDER_MODES), "render_fps": max(1, round(1 / self.dt))}
+        """Gymnasium's metadata: the render modes, none without a picture, and one frame for each control step."""
+        modes = [] if self.problem.picture is None else list(RENDER_MODES)
+        return {"render_modes": modes, "render_fps": max(1, round(1 / self.dt))}
 
     @cached_property
     def max_steps(self) -> int:

@@ -5,23 +5,29 @@ A picture is flat or in space, as the number of limits of the problem's :class:`
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.picture import Picture
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.render.headings import heading
 from ocp_envs.render.plane import Plane
 from ocp_envs.render.space import Space, SpaceCurve
 from ocp_envs.render.style import DASHES, GOAL, GREY, INK, PATH, PLAN, Artist, matplotlib
 from ocp_envs.support.arrays import Array
 
 _INCHES, _DPI = 5.0, 96  # 480 pixels
+#: Matplotlib's backends that draw into memory or files. It chooses the first of them where there is no display.
+_WITHOUT_WINDOWS = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
 
 class Scene:
     """A figure that is drawn repeatedly; its artists are moved rather than recreated.
 
-    It shows states of ``problem``, in an interactive ``window`` or in memory; ``scene.figure.savefig(...)`` writes the
+    It shows states of ``problem``, in an interactive ``window`` (with a warning where Matplotlib can open none) or in
+    memory; ``scene.figure.savefig(...)`` writes the
     last picture to a file.
 
     Raises:
@@ -37,6 +43,7 @@ class Scene:
         self._pyplot = matplotlib("pyplot") if window else None
         if self._pyplot is not None:
             self.figure = self._pyplot.figure(problem.id, **shape)
+            _warn_without_windows(problem.id, self._pyplot.get_backend())
         else:
             self.figure = matplotlib("figure").Figure(**shape)
             matplotlib("backends.backend_agg").FigureCanvasAgg(self.figure)
@@ -58,13 +65,12 @@ class Scene:
 
     def _write(self) -> None:
         """Title, caption, time and cost."""
-        size = min(11.0, 640 / len(self.problem.title))  # a long title has to fit into the width
-        self.figure.text(0.5, 0.965, self.problem.title, ha="center", va="center", size=size, color=INK)
+        heading(self.figure, 0.965, self.problem.title, INK)
         style = {"va": "center", "size": 11, "color": INK, "family": "monospace"}
         self._clock = self.figure.text(0.06, 0.04, "", ha="left", **style)
         self._cost = self.figure.text(0.94, 0.04, "", ha="right", **style)
         if self.picture.caption:
-            self.figure.text(0.5, 0.925, self.picture.caption, ha="center", va="center", size=8, color="#777777")
+            heading(self.figure, 0.918, self.picture.caption, "#777777", largest=8.0)
 
     def draw(self, states: Array, context: Array, time: float, cost: float, plan: Array | None = None) -> None:
         """Show the last of ``states`` (N, nx) and the path through all of them.
@@ -109,6 +115,15 @@ class Scene:
         """Close the window, if there is one."""
         if self._pyplot is not None:
             self._pyplot.close(self.figure)
+
+
+def _warn_without_windows(owner: str, backend: str) -> None:
+    if backend.lower() in _WITHOUT_WINDOWS:
+        warnings.warn(
+            f"{owner}: no window opens, because Matplotlib's backend is {backend!r}, which has none; set DISPLAY or "
+            'MPLBACKEND before Python starts, or draw into arrays with render_mode="rgb_array"',
+            stacklevel=2,
+        )
 
 
 class _Shadows:

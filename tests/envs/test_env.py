@@ -9,18 +9,22 @@ import re
 import subprocess
 import sys
 import warnings
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 
 import ocp_envs
 from ocp_envs.envs.env import Env
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
+from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
+from tests.small_problems import DOUBLE_INTEGRATOR
 
 PROBLEMS = [ocp_envs.load(name) for name in ocp_envs.names()]
 each_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
@@ -43,11 +47,20 @@ def test_passes_gymnasiums_checker(problem):
     assert all("normalized" in m or "symmetric" in m for m in messages), messages
 
 
-def test_made_by_name_passes_the_checker_with_one_kind_of_warning():
+def test_made_by_name_passes_the_checker_with_one_kind_of_warning_besides_that_of_a_missing_display():
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         check_env(gym.make("PendulumSwingup-v0", render_mode="rgb_array").unwrapped)
-    assert not [str(w.message) for w in caught if "normalized" not in str(w.message)]
+    assert not [m for w in caught if "normalized" not in (m := str(w.message)) and "no window opens" not in m]
+
+
+@pytest.mark.parametrize("make", [Env, lambda problem: VectorEnv(problem, 1)], ids=["single", "vector"])
+def test_without_a_picture_no_render_mode_is_offered_and_the_checker_passes(make):
+    assert DOUBLE_INTEGRATOR.picture is None
+    assert make(DOUBLE_INTEGRATOR).metadata["render_modes"] == []
+    assert make(PENDULUM).metadata["render_modes"] == ["rgb_array", "human"]
+    spec = EnvSpec(DOUBLE_INTEGRATOR.id, partial(Env, DOUBLE_INTEGRATOR))
+    check_env(gym.make(spec).unwrapped)  # which draws in every mode that the environment offers
 
 
 @each_problem

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -65,6 +67,7 @@ def test_the_trail_grows_and_a_reset_clears_it():
     np.testing.assert_array_equal(env.render(), fresh)
 
 
+@pytest.mark.filterwarnings("ignore:PendulumSwingup-v0. no window opens:UserWarning")
 def test_human_mode_opens_one_window_and_closes_it():
     env = gym.make("PendulumSwingup-v0", render_mode="human")
     before = pyplot.get_fignums()
@@ -80,6 +83,19 @@ def test_human_mode_opens_one_window_and_closes_it():
     assert envs.render() is None
     envs.close()
     assert pyplot.get_fignums() == before
+
+
+def test_human_mode_warns_where_matplotlib_opens_no_window(monkeypatch):
+    monkeypatch.setattr(pyplot, "get_backend", lambda: "Agg")
+    env = Env(PENDULUM, render_mode="human")
+    with pytest.warns(UserWarning, match=r"no window opens.*'Agg'.*MPLBACKEND.*rgb_array"):
+        env.reset(seed=0)
+    env.close()
+    monkeypatch.setattr(pyplot, "get_backend", lambda: "TkAgg")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env.reset(seed=0)
+    env.close()
 
 
 def test_without_a_mode_nothing_is_drawn():

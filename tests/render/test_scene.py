@@ -283,9 +283,15 @@ def test_importing_the_package_does_not_import_matplotlib():
 
 
 @pytest.mark.parametrize("name", ocp_envs.names())
-def test_title_and_caption_fit_into_the_picture(name):
-    scene = Scene(ocp_envs.load(name))
-    scene.pixels()
-    for text in scene.figure.texts:
-        box = text.get_window_extent()
+@pytest.mark.parametrize(
+    "title", [None, "", "W" * 150, "park and stop, facing along the y axis; " * 3, "go on and on " * 60]
+)
+def test_title_and_caption_fit_into_the_picture(name, title):
+    problem = ocp_envs.load(name)
+    scene = Scene(problem if title is None else dataclasses.replace(problem, title=title))
+    boxes = [text.get_window_extent() for text in scene.figure.texts]
+    for text, box in zip(scene.figure.texts, boxes):
         assert 0 <= box.x0 <= box.x1 <= 480, text.get_text()
+        assert 0 <= box.y0 <= box.y1 <= 480, text.get_text()
+    if problem.picture.caption:
+        assert not boxes[0].overlaps(boxes[-1])
