@@ -1,9 +1,9 @@
 """Make the hard sets of a problem with their reference costs.
 
-``boundary``: instances near the discontinuity of the optimum; ``outside``: instances outside the parameter box; they
-are declared in ``ocp_envs/sets/splits.py``. Databases go to ``data/<env>/hard/``; an interrupted command continues when
-it is called again. Parameters and costs go to ``runs/tables/<env>/<set>.npz``, with ``--ship`` into the package; the
-record of their making is ``splits_<env>.json``.
+``boundary``: instances near the discontinuity of the optimum; ``outside``: instances outside the parameter box;
+``near``: instances near the goal. They are declared in ``ocp_envs/sets/splits.py``. Databases go to
+``data/<env>/hard/``; an interrupted command continues when it is called again. Parameters and costs go to
+``runs/tables/<env>/<set>.npz``, with ``--ship`` into the package; the record of their making is ``splits_<env>.json``.
 
     python scripts/make_splits.py --env GroundVehicle-v0
     python scripts/make_splits.py --splits boundary --cases 20

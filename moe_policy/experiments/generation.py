@@ -108,6 +108,8 @@ class HardSetReport(Record):
     limit: float | Absent = ABSENT  # maximum distance from the discontinuity
     fraction_within_limit: float | Absent = renamed("share_within_limit", ABSENT)  # of the draws
     beyond: tuple[float, float] | Absent = ABSENT  # minimum and maximum excess beyond the box, in half widths
+    fraction: float | Absent = ABSENT  # of the width of the parameter box, towards the goal
+    coordinates: tuple[str, ...] | Absent = ABSENT  # those that are confined to it
     candidates: int  # number of instances that were solved
     confirmed: int  # those that meet the condition
     unsolved: int  # those without a solution

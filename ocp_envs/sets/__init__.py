@@ -1,1 +1,1 @@
-"""Sets of problem instances: random, near a discontinuity, outside the parameter box; reference costs."""
+"""Sets of problem instances: random, near a discontinuity, outside the box, near the goal; reference costs."""

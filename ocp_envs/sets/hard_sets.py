@@ -1,4 +1,4 @@
-"""Sets of hard instances: near a discontinuity of the optimum, or outside the parameter box.
+"""Sets of particular instances: near a discontinuity of the optimum, outside the parameter box, or near the goal.
 
 Each is made in two steps. *Candidates* come from a draw with a seed of their own, most of which a cheap criterion
 excludes. They are then solved once more, in a single round of :func:`ocp_envs.generate` that tries every winding of the
@@ -23,6 +23,7 @@ from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import off_centre, relative_cost_difference
 from ocp_envs.sets.free_paths import blocked
+from ocp_envs.sets.near import initial_values, sample_near
 from ocp_envs.sets.outside import excess, sample_outside
 from ocp_envs.sets.sampling import BlockedDraws, sample
 from ocp_envs.solvers.nlp import SolverSettings
@@ -90,6 +91,11 @@ class HardSet(Protocol):
             parameters: of the candidates, (K, np).
             mode_costs: best cost of every family, +inf where none is, (K, modes).
         """
+
+
+def _unknown(problem: OptimalControlProblem, parameters: Array) -> Array:
+    """The costs of candidates ``parameters`` (K, np) that nothing has solved yet, (K, modes)."""
+    return np.full((len(parameters), len(problem.modes)), np.inf)
 
 
 @dataclass(frozen=True)
@@ -168,7 +174,7 @@ class NearCentre:
         p, drawn = np.asarray(kept["parameters"], dtype=np.float64), int(kept["drawn"])
         record = {"drawn": drawn, "limit": self.limit, "share_within_limit": len(p) / drawn}
         p = p[: self.size]
-        return Candidates(p, np.full((len(p), len(problem.modes)), np.inf), record)
+        return Candidates(p, _unknown(problem, p), record)
 
     def _draw(self, problem: OptimalControlProblem) -> tuple[Array, int]:
         """The draws within the limit, (K, np) with K ≥ size, and the number of all draws."""
@@ -204,8 +210,40 @@ class OutsideBox:
 
     def candidates(self, problem: OptimalControlProblem, folder: Path, workers: int | None) -> Candidates:
         p = sample_outside(problem, self.seed, self.size, self.beyond, workers=workers)
-        costs = np.full((len(p), len(problem.modes)), np.inf)
-        return Candidates(p, costs, {"beyond": list(self.beyond)})
+        return Candidates(p, _unknown(problem, p), {"beyond": list(self.beyond)})
 
     def fits(self, problem: OptimalControlProblem, parameters: Array, mode_costs: Array) -> NDArray[np.bool_]:
         return excess(problem, parameters) > self.beyond[0]
+
+
+@dataclass(frozen=True)
+class NearGoal:
+    """Instances near the goal: the parameter box shrunk towards the goal's state (:mod:`ocp_envs.sets.near`).
+
+    An optimum takes at least the shortest duration of the problem, ``problem.duration[0]``. For initial states next to
+    the goal ball, this bound decides the cost.
+
+    Args:
+        seed: of the draw and of the guesses.
+        fraction: of the width of the intervals.
+        coordinates: the initial values that are near the goal's; ``None`` for all that are parameters.
+        size: number of instances.
+        settings: of their solves.
+    """
+
+    seed: int
+    fraction: float = 0.15
+    coordinates: tuple[str, ...] | None = None
+    size: int = 1_000
+    settings: GenerationSettings = WITHOUT_NEIGHBOURS
+
+    def candidates(self, problem: OptimalControlProblem, folder: Path, workers: int | None) -> Candidates:
+        names = self._names(problem)
+        p = sample_near(problem, self.seed, self.size, self.fraction, names, workers=workers)
+        return Candidates(p, _unknown(problem, p), {"fraction": self.fraction, "coordinates": list(names)})
+
+    def fits(self, problem: OptimalControlProblem, parameters: Array, mode_costs: Array) -> NDArray[np.bool_]:
+        return np.ones(len(parameters), bool)  # by the draw
+
+    def _names(self, problem: OptimalControlProblem) -> tuple[str, ...]:
+        return initial_values(problem) if self.coordinates is None else self.coordinates

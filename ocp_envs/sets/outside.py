@@ -17,20 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets.boxes import over, whole_turns
 from ocp_envs.sets.sampling import sample
 from ocp_envs.support.arrays import Array
 from ocp_envs.system import Box
 
 #: Minimum number of candidates of a draw, unless fewer than half as many parameters are wanted.
 _BLOCK = 1_000
-_WHOLE = 1 - 1e-9
 
 
 def open_coordinates(problem: OptimalControlProblem) -> NDArray[np.bool_]:
     """Which parameters of ``problem`` have an outside, (np,): those that cover no whole turn of a state coordinate."""
-    periods = {c.name: c.period for c in problem.system.state.coordinates if c.period is not None}
-    box = problem.parameters.coordinates
-    return np.array([c.upper - c.lower < periods.get(c.name, np.inf) * _WHOLE for c in box])
+    return ~whole_turns(problem)
 
 
 def excess(problem: OptimalControlProblem, p: Array) -> Array:
@@ -58,8 +56,7 @@ def widened(problem: OptimalControlProblem, fraction: float) -> OptimalControlPr
         )
         return Box(tuple(coordinates))
 
-    distribution = problem.distribution.over(wider)
-    return dataclasses.replace(problem, parameters=wider(problem.parameters), distribution=distribution)
+    return over(problem, wider)
 
 
 def sample_outside(

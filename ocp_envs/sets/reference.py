@@ -22,7 +22,7 @@ from ocp_envs.tables import path_of
 
 SHIPPED = ("development", "validation")
 #: Names of the sets of :mod:`ocp_envs.sets.hard_sets`; a problem without a discontinuity has no ``boundary``.
-HARD = ("boundary", "outside")
+HARD = ("boundary", "outside", "near")
 
 
 class ReferenceDataError(tables.TableError):
@@ -82,7 +82,7 @@ def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDE
 
     Args:
         problem: the problem.
-        split: ``"development"``, ``"validation"``, ``"boundary"`` or ``"outside"``.
+        split: ``"development"``, ``"validation"``, ``"boundary"``, ``"outside"`` or ``"near"``.
         folder: of the tables of all problems; by default those of the package.
 
     Raises:
