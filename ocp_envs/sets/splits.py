@@ -169,8 +169,8 @@ _BENCHMARK = {
         validation=_validation(10_000, _CHECKED),
         boundary=NearCentre(_SEEDS["boundary"]),
         outside=_OUTSIDE_ONE_OPTIMUM,
-        # Flights that begin closer to the goal than these hardly have to bend: the free optimum enters the sphere 0.03 m
-        # deep in the median with the fraction 0.15, and 0.09 m with 0.3.
+        # Flights that begin closer hardly have to bend: the free optimum enters the sphere 0.03 m deep in the median
+        # with the fraction 0.15, and 0.09 m with 0.3.
         near=NearGoal(_SEEDS["near"], 0.3, size=500, settings=_AROUND_ONE_OPTIMUM),
     ),
 }

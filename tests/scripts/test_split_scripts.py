@@ -12,7 +12,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.sets import reference
 from ocp_envs.sets.discontinuity import relative_cost_difference
-from ocp_envs.sets.hard_sets import ONE_ROUND, NearEqualCosts, OutsideBox
+from ocp_envs.sets.hard_sets import ONE_ROUND, NearEqualCosts, NearGoal, OutsideBox
 from ocp_envs.sets.splits import ProblemSets
 from scripts import compare_splits, make_splits
 
@@ -20,6 +20,7 @@ FEW = GenerationSettings(first=ONE_ROUND, starts=3, chunk=10)
 TINY = {
     "boundary": NearEqualCosts(seed=505, drawn=40, size=3, limit=0.4, slack=0.5, spare=3.0, cheap=FEW, settings=FEW),
     "outside": OutsideBox(seed=606, beyond=(0.0, 0.25), size=3, settings=FEW),
+    "near": NearGoal(seed=707, size=3, settings=FEW),
 }
 compared = pytest.mark.skipif(
     not set(benchmark_of(PENDULUM).planners.compared) <= set(moe_policy.available(PENDULUM.id)),
@@ -56,7 +57,7 @@ def test_make_splits_ships_sets_and_their_record(made):
     assert record["boundary"]["drawn"] == 40
     assert (relative_cost_difference(reference.load(PENDULUM, "boundary", made / "tables").mode_costs) < 0.4).all()
     databases = {path.name for path in (made / "data" / PENDULUM.id / "hard").glob("*.zarr")}
-    assert databases == {"boundary-candidates.zarr", "boundary.zarr", "outside.zarr"}
+    assert databases == {"boundary-candidates.zarr", "boundary.zarr", "outside.zarr", "near.zarr"}
 
 
 def test_make_splits_does_not_replace_the_packages_sets_by_smaller_ones(monkeypatch, capsys):
