@@ -27,7 +27,8 @@ from ocp_envs.goal import SINGLE_MODE, Goal, Modes
 from ocp_envs.parameters import Parametrisation
 from ocp_envs.picture import Picture
 from ocp_envs.support.arrays import Array, frozen_array
-from ocp_envs.support.batch import BatchFunction, dense_function
+from ocp_envs.support.batch import BatchFunction, Linearisation, dense_function
+from ocp_envs.support.kept import kept
 from ocp_envs.symmetry import Symmetry
 from ocp_envs.system import Box, Expression, System, rk4_step
 from ocp_envs.trajectory import Trajectory, flat_size
@@ -218,30 +219,28 @@ class OptimalControlProblem:
         x, u, s = (ca.SX.sym(name, size) for name, size in sizes)
         return x, u, s
 
+    @kept
     def batch_rate(self) -> BatchFunction:
         """The function (x, u, s) → (ẋ (B, nx), L (B, 1))."""
         x, u, s = self.symbols()
         rate = self.rate(x, u, s)
         return BatchFunction(dense_function("rate", [x, u, s], [rate[: self.system.nx], rate[self.system.nx]]))
 
+    @kept
     def batch_flow(self, substeps: int) -> BatchFunction:
         """The function (x, u, s, h (B, 1)) → (x⁺ (B, nx), cost (B, 1)) of steps in ``substeps`` Runge-Kutta steps."""
         (x, u, s), h = self.symbols(), ca.SX.sym("h")
         return BatchFunction(dense_function("flow", [x, u, s, h], list(self.flow(x, u, s, h, substeps))))
 
-    def batch_linearisation(self, substeps: int) -> Callable[[Array, Array, Array, Array], tuple[Array, Array]]:
+    @kept
+    def batch_linearisation(self, substeps: int) -> Linearisation:
         """The function (x, u, s, h (B, 1)) → A (B, nx, nx), B (B, nx, nu), derivatives of ``batch_flow(substeps)``."""
         (x, u, s), h = self.symbols(), ca.SX.sym("h")
         following, _ = self.flow(x, u, s, h, substeps)
         jacobian = ca.jacobian(following, ca.vertcat(x, u))
-        function = BatchFunction(dense_function("linearisation", [x, u, s, h], [jacobian]))
+        return Linearisation(BatchFunction(dense_function("linearisation", [x, u, s, h], [jacobian])))
 
-        def evaluate(x: Array, u: Array, s: Array, h: Array) -> tuple[Array, Array]:
-            (both,) = function(x, u, s, h)
-            return both[:, :, : self.system.nx], both[:, :, self.system.nx :]
-
-        return evaluate
-
+    @kept
     def batch_clearances(self) -> BatchFunction:
         """The function (x, s) → h (B, nh)."""
         x, _, s = self.symbols()

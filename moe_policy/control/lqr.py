@@ -57,7 +57,7 @@ class Regulator:
                 raise ValueError(f"{problem.id}: expected {name} weights of shape {shape}, got {value.shape}")
         self.problem, self.dt, self.weights = problem, float(dt), weights
         # The substeps of the simulator, so that the discrete step linearised is the one it takes.
-        self._linearise = problem.batch_linearisation(max(1, int(count_steps(dt, problem.longest_substep))))
+        self._substeps = max(1, int(count_steps(dt, problem.longest_substep)))
         self.hold, self.hold_norm, end = self._at_goal()
         self.terminal: Array = end if weights.terminal is None else weights.terminal
 
@@ -78,7 +78,8 @@ class Regulator:
         They are taken at ``states`` (B, nx), ``controls`` (B, nu) and ``contexts`` (B, nc).
         """
         size, nx, nu = len(states), self.problem.system.nx, self.problem.system.nu
-        a, b = self._linearise(states, controls, contexts, np.full((size, 1), self.dt))
+        derivatives = self.problem.batch_linearisation(self._substeps)
+        a, b = derivatives(states, controls, contexts, np.full((size, 1), self.dt))
         return np.ascontiguousarray(a).reshape(size, nx, nx), np.ascontiguousarray(b).reshape(size, nx, nu)
 
     def along(self, states: Array, controls: Array, contexts: Array, steps: Ints) -> tuple[Array, Array]:

@@ -92,7 +92,6 @@ class Resampler:
 
     def __init__(self, problem: OptimalControlProblem, dt: float) -> None:
         self.problem, self.dt = problem, dt
-        self._rate = problem.batch_rate()
 
     def __call__(self, plan: Trajectory, contexts: Array) -> Resampled:
         """The B plans in ``plan``, finite and of positive durations, in ``contexts`` (B, nc), at the control steps."""
@@ -100,7 +99,7 @@ class Resampler:
         longest = int(steps.max(initial=1))
         times = self.dt * np.arange(longest + 1, dtype=np.float64)
         return Resampled(
-            states=states_at(self._rate, plan, contexts, times),
+            states=states_at(self.problem.batch_rate(), plan, contexts, times),
             controls=mean_controls(plan, self.dt, longest, self.problem.goal.control),
             steps=steps,
         )

@@ -6,8 +6,10 @@ array *is* the memory of its (n, B) argument: evaluation is one call without con
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -25,11 +27,21 @@ def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.F
     return ca.Function(name, inputs, [ca.densify(output) for output in outputs])
 
 
+class _Buffers(threading.local):
+    """Buffers of one function by size of the batch, the one used least recently first; each thread has its own.
+
+    CasADi reads and writes through the pointers of a buffer while other Python threads run.
+    """
+
+    def __init__(self) -> None:
+        self.by_size: OrderedDict[int, tuple[ca.FunctionBuffer, Callable[[], None]]] = OrderedDict()
+
+
 class BatchFunction:
     """A dense CasADi function on a leading batch axis.
 
     Arguments and results have shape (B, rows) for column vectors and (B, rows, columns) for matrices. Results are new
-    arrays on each call. Not to be shared between threads.
+    arrays on each call. Threads may share it, and it may be copied and pickled.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -39,17 +51,21 @@ class BatchFunction:
         self.function = function
         self._in = [function.size_in(i) for i in range(function.n_in())]
         self._out = [function.size_out(i) for i in range(function.n_out())]
-        self._buffers: OrderedDict[int, tuple[ca.FunctionBuffer, Callable[[], None]]] = OrderedDict()
+        self._buffers = _Buffers()
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return BatchFunction, (self.function,)
 
     def _buffer(self, size: int) -> tuple[ca.FunctionBuffer, Callable[[], None]]:
-        if size in self._buffers:
-            self._buffers.move_to_end(size)
+        buffers = self._buffers.by_size
+        if size in buffers:
+            buffers.move_to_end(size)
         else:
             mapped = self.function if size == 1 else self.function.map(size)
-            self._buffers[size] = mapped.buffer()
-            if len(self._buffers) > _KEPT_SIZES:
-                self._buffers.popitem(last=False)
-        return self._buffers[size]
+            buffers[size] = mapped.buffer()
+            if len(buffers) > _KEPT_SIZES:
+                buffers.popitem(last=False)
+        return buffers[size]
 
     def bind(self, size: int) -> BoundFunction:
         """The function on ``size`` rows with arrays of its own, for callers that step in place."""
@@ -79,6 +95,18 @@ class BatchFunction:
             results.append(result if columns == 1 else result.swapaxes(-1, -2))
         trigger()
         return results
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """The function (x, u, …) → A (B, nx, nx), B (B, nx, nu) of the ``jacobian`` (x, u, …) → [A B] (B, nx, nx + nu)."""
+
+    jacobian: BatchFunction
+
+    def __call__(self, x: Array, u: Array, *arguments: Array) -> tuple[Array, Array]:
+        """A and B at ``x`` (B, nx), ``u`` (B, nu) and further ``arguments``."""
+        (both,) = self.jacobian(x, u, *arguments)
+        return both[:, :, : x.shape[1]], both[:, :, x.shape[1] :]
 
 
 class BoundFunction:

@@ -1,8 +1,12 @@
+import copy
+import pickle
+
 import casadi as ca
 import numpy as np
 import pytest
 
 from ocp_envs.support.batch import BatchFunction, dense_function
+from tests.threads import in_threads
 
 
 @pytest.fixture(scope="module")
@@ -43,3 +47,17 @@ def test_wrong_shapes_and_sparse_outputs_are_refused(function):
     x = ca.SX.sym("x", 2)
     with pytest.raises(ValueError, match="dense_function"):
         BatchFunction(ca.Function("sparse", [x], [ca.jacobian(ca.sin(x), x)]))
+
+
+def test_threads_share_a_function_without_mixing_their_numbers(function):
+    def products(thread):
+        x, a = np.full((200, 3), float(thread)), np.ones((200, 2, 3))
+        return all((function(x, a)[0] == 3.0 * thread).all() for _ in range(200))
+
+    assert all(in_threads(products, 8))
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_a_copy_evaluates_the_same_function(function, duplicate):
+    x, a = np.ones((2, 3)), np.ones((2, 2, 3))
+    np.testing.assert_array_equal(duplicate(function)(x, a)[1], function(x, a)[1])
