@@ -34,6 +34,8 @@ def main() -> None:
 
     problem = arguments.problem
     known = reference.load(problem, "validation")
+    cli.at_most(arguments.cases, len(known), "validation instances")
+    cli.at_most(arguments.episodes, len(known) - 1, "validation instances after the first", "--episodes")
     p, best = known.parameters[: arguments.cases], known.cost[: arguments.cases]
     methods = shipped(problem)
     planners = {method.name: method.planner for method in methods if method.planner is not None}
@@ -52,4 +54,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

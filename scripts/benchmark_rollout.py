@@ -26,7 +26,9 @@ def main() -> None:
     arguments = parser.parse()
 
     problem, count, few = arguments.problem, arguments.episodes, arguments.single
-    planner = moe_policy.load_planner(problem, arguments.planner)
+    cli.at_most(few, count, "episodes", "--single")
+    with cli.option("--planner"):
+        planner = moe_policy.load_planner(problem, arguments.planner)
     p = problem.parameters.draw(np.random.default_rng(arguments.seed), count)
     runs = [(batched(problem, planner, p), one_by_one(problem, planner, p[:few])) for _ in range(arguments.repeats)]
     times = [seconds for (seconds, _), _ in runs]
@@ -59,4 +61,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

@@ -40,9 +40,10 @@ def draw(
     if source == "fresh":
         return ocp_envs.sample(problem, SEED, count), None
     if source not in databases:
-        raise SystemExit(f"--cases-from {source}: there are fresh, {', '.join(databases)}")
+        raise cli.UsageError(f"--cases-from {source}: there are fresh, {', '.join(databases)}")
     database = databases[source]
     pool = database.first(benchmark_of(problem).training.instances if source == "training" else None)
+    cli.at_most(count, len(pool), f"instances in {source}")
     rows = np.random.default_rng(SEED).permutation(pool)[:count]
     return database.parameters[rows], database.costs()[rows].min(axis=1)
 
@@ -79,7 +80,7 @@ def parse() -> argparse.Namespace:
     parser = cli.parser(__doc__, data=True, workers=True, cases="instances", default_cases=500)
     parser.add_argument("--cases-from", default="fresh", help="the set they are taken from, such as training")
     parser.add_argument("--guesses", type=cli.positive, default=60, help="guesses of the search for every winding")
-    parser.add_argument("--tolerance", type=float, default=TOLERANCE, help="relative excess of cost that counts")
+    parser.add_argument("--tolerance", type=cli.amount, default=TOLERANCE, help="relative excess of cost that counts")
     parser.add_argument("--ways", nargs="+", help="ways that are compared, such as stored; all by default")
     return parser.parse()
 
@@ -91,7 +92,7 @@ def main() -> None:
     cases, stored = draw(problem, databases, arguments.cases_from, arguments.cases)
     ways, targets = ways_of(problem, databases, cases, stored), widened(problem).targets
     if unknown := sorted(set(arguments.ways or ()) - set(ways)):
-        raise SystemExit(f"--ways: no {unknown}; there are {sorted(ways)}")
+        raise cli.UsageError(f"--ways: no {unknown}; there are {sorted(ways)}")
     began, store = time.perf_counter(), folder / f"exhaustive_{arguments.cases_from}.npz"
     costs = exhaustive(problem, cases, arguments.guesses, arguments.workers, store)
     seconds = time.perf_counter() - began
@@ -123,4 +124,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

@@ -19,7 +19,9 @@ from ocp_envs.support.provenance import provenance
 
 def measure(problem: OptimalControlProblem, cases: int) -> Discretisation:
     began = time.perf_counter()
-    parameters = reference.load(problem, "validation").parameters[:cases]
+    parameters = reference.load(problem, "validation").parameters
+    cli.at_most(cases, len(parameters), "validation instances")
+    parameters = parameters[:cases]
     plans, costs = moe_policy.load(problem, "optimal", kind=moe_policy.SolverPlanner).best(parameters)
     solved = np.isfinite(costs)
     parameters, plans, costs = parameters[solved], plans[solved], costs[solved]
@@ -45,4 +47,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

@@ -52,8 +52,10 @@ def parse() -> argparse.Namespace:
     parser = cli.parser(__doc__, data=True, workers=True, seed=0)
     parser.add_argument("--size", type=cli.positive, default=2000, help="number of random instances")
     parser.add_argument("--split", help="the instances of this split instead; its database is the reference")
-    parser.add_argument("--kills", type=int, default=6, help="number of processes that are killed; half are parents")
-    parser.add_argument("--delay", type=float, default=10.0, help="maximum time from a chunk to a kill, seconds")
+    parser.add_argument(
+        "--kills", type=cli.whole, default=6, help="number of processes that are killed; half are parents"
+    )
+    parser.add_argument("--delay", type=cli.amount, default=10.0, help="maximum time from a chunk to a kill, seconds")
     parser.add_argument("--reference", type=Path, help="complete database of the same instances; made by default")
     parser.add_argument("--folder", type=Path, help="where the databases are made; a temporary folder by default")
     parser.add_argument("--generate-into", type=Path, help=argparse.SUPPRESS)  # what the killed process does
@@ -96,7 +98,9 @@ def check(arguments: argparse.Namespace, split: InstanceSet, folder: Path) -> In
 def main() -> None:
     arguments = parse()
     problem = arguments.problem
-    split = sets_of(problem).split(arguments.split) if arguments.split else InstanceSet(arguments.size, arguments.seed)
+    with cli.option("--split"):
+        named = sets_of(problem).split(arguments.split) if arguments.split else None
+    split = named or InstanceSet(arguments.size, arguments.seed)
     if arguments.generate_into:
         make(problem, split, arguments.generate_into, arguments.workers)
         return
@@ -110,4 +114,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

@@ -9,7 +9,6 @@ chosen from them.
 """
 
 import moe_policy
-import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, MarginRow, Margins, run
@@ -34,7 +33,10 @@ def main() -> None:
     arguments = parser.parse()
     cli.threads()
     problem, parameter = arguments.problem, arguments.parameter
-    samples = ocp_envs.Database.open(arguments.data / problem.id / "development.zarr", problem).samples()
+    if parameter not in problem.parameters.names:
+        parser.error(f"argument --parameter: got {parameter!r}; {problem.id} has {', '.join(problem.parameters.names)}")
+    samples = cli.database(arguments, "development").samples()
+    cli.at_most(arguments.cases, len(samples), "solved development instances")
     samples = samples[: arguments.cases]
     optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     row, baseline = run(problem, optimal, samples.parameters, batches=())
@@ -58,4 +60,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

@@ -12,7 +12,6 @@ import itertools
 from pathlib import Path
 
 import moe_policy
-import ocp_envs
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
@@ -51,7 +50,8 @@ def main() -> None:
     arguments = parser.parse()
     cli.threads()
     problem = arguments.problem
-    samples = ocp_envs.Database.open(arguments.data / problem.id / "development.zarr", problem).samples()
+    samples = cli.database(arguments, "development").samples()
+    cli.at_most(arguments.cases, len(samples), "solved development instances")
     samples = samples[: arguments.cases]
     optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
     methods = [optimal, *planners_of(problem, arguments.planners)]
@@ -71,4 +71,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

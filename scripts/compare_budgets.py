@@ -113,6 +113,7 @@ def tracked_optimum(problem: OptimalControlProblem, cases: ReferenceSet) -> Leve
 def compare(problem: OptimalControlProblem, sources: Sources, count: int | None) -> Budgets:
     """The record of ``problem``, with planners evaluated from the first ``count`` development parameters, or all."""
     development, validation = (reference.load(problem, name) for name in ("development", "validation"))
+    cli.at_most(count, len(development), "development parameters")
     cases, benchmark = development[:count], benchmark_of(problem)
     learners = {
         name: LearnerBudget.of(trainings, chosen_actor(problem, name, trainings[0], cases))
@@ -147,4 +148,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

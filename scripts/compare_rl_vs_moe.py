@@ -116,6 +116,8 @@ def main() -> None:
     cli.threads()
     began, problem = time.perf_counter(), arguments.problem
     if arguments.train:
+        if benchmark_of(problem).learners.short:
+            cli.need("stable_baselines3")
         folder = cli.DATA / "compare" / problem.id
         databases = generated(problem, folder)
         methods = trained(problem, databases, folder, arguments.seed)
@@ -126,6 +128,7 @@ def main() -> None:
             cli.say(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
         validation = reference.load(problem, "validation")
         parameters, costs = validation.parameters, validation.cost
+    cli.at_most(arguments.cases, len(parameters), "validation instances")
     parameters, costs = parameters[: arguments.cases], costs[: arguments.cases]
     cli.say(f"{len(parameters)} initial conditions of {problem.id}")
     difference, rows, episodes = compare(problem, methods, parameters, costs)
@@ -147,4 +150,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

@@ -129,6 +129,7 @@ def main() -> None:
     arguments = parser.parse()
     problem, data = arguments.problem, arguments.data
     validation = reference.load(problem, "validation").parameters
+    cli.at_most(arguments.cases, len(validation), "validation parameters")
     parameters = validation[: arguments.cases or max(MINIMUM, len(validation) // 5)]
     record = compare(problem, parameters, data=data, seed=arguments.seed, workers=arguments.workers)
     robustness_figure(cli.publish(arguments, f"robustness_{problem.id}", record).with_suffix(".png"), record)
@@ -136,4 +137,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

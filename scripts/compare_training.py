@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import ocp_envs
 from moe_policy.experiments import cli, trainings
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.benchmark.parts import Benchmark
@@ -117,7 +116,8 @@ def main() -> None:
     cli.threads()
     began, problem = time.perf_counter(), arguments.problem
     folders = Folders(arguments.data / problem.id, arguments.data / "compare_training" / problem.id)
-    training, benchmark = ocp_envs.Database.open(folders.data / "training.zarr", problem), benchmark_of(problem)
+    training, _ = (cli.database(arguments, name) for name in ("training", "validation"))
+    benchmark = benchmark_of(problem)
     total = len(training.solved(training.first(benchmark.training.instances)))
     largest = list(trainings.planned_on_all(training, total))
     runs = {run: run.key(training.key) for run in (*largest, *trainings.planned(problem, arguments.seeds, total))}
@@ -150,4 +150,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

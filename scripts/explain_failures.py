@@ -13,12 +13,12 @@ import os
 import time
 from pathlib import Path
 
-import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.diagnosis import explain
 from moe_policy.experiments.failures import COLUMNS, Diagnosis, EvaluatedAt, counts
 from moe_policy.experiments.tables import Column, proportion, text_table
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.networks import MixtureOfExperts
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.store import SHIPPED, load_file
 from ocp_envs.support.provenance import provenance
@@ -50,11 +50,14 @@ def main() -> None:
 
     began, problem = time.perf_counter(), arguments.problem
     path = path_of(arguments.planner, problem.id, arguments.models)
-    planner, folder = load_file(path, problem, kind=NetworkPlanner), arguments.data / problem.id
-    training, validation = (
-        ocp_envs.Database.open(folder / f"{name}.zarr", problem) for name in ("training", "validation")
-    )
-    cases, totals = validation.samples()[: arguments.cases], validation.totals()
+    with cli.option("--planner"):
+        planner = load_file(path, problem, kind=NetworkPlanner)
+    if not isinstance(planner.network, MixtureOfExperts):
+        raise cli.UsageError(f"--planner: {planner.name} is a single network, expected a mixture of experts")
+    training, validation = (cli.database(arguments, name) for name in ("training", "validation"))
+    cases, totals = validation.samples(), validation.totals()
+    cli.at_most(arguments.cases, len(cases), "solved validation instances")
+    cases = cases[: arguments.cases]
     failures = explain(problem, planner, cases, training.samples(), at=arguments.at, neighbours=arguments.neighbours)
     record = Diagnosis(
         env_id=problem.id,
@@ -90,4 +93,4 @@ def report(record: Diagnosis, name: str) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

@@ -12,7 +12,6 @@ import argparse
 import contextlib
 import os
 import time
-from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
@@ -30,16 +29,19 @@ from ocp_envs.support.provenance import provenance
 
 #: Seconds to wait for a scheduler, and then for a worker.
 CONNECT_LIMIT, WORKER_LIMIT = 30, 120
+SCHEDULER = (
+    "address of a Dask scheduler, such as tcp://host:8786; whoever reaches its port can run any program on every "
+    "worker, so keep it within a network that you trust"
+)
 #: Packages whose versions affect the results.
 DECISIVE = ("ocp-moe", "casadi", "numpy", "scipy")
 
 
 def connect(address: str) -> Any:
     """A client of the Dask cluster at ``address``, with workers that have the versions of this process."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise SystemExit('--scheduler needs Dask: pip install "ocp-moe[cluster]"') from None
+    cli.need("distributed")
+    from distributed import Client
+
     try:
         client = Client(address, timeout=CONNECT_LIMIT)
     except (OSError, ValueError) as error:
@@ -115,20 +117,20 @@ def main() -> None:
     ship = "write the reference of each set into the package, and the record into results/"
     parser = cli.parser(__doc__, data=True, workers=True, ship=ship)
     parser.add_argument("--splits", nargs="+", help="names of the sets; all by default")
-    parser.add_argument("--scheduler", help="address of a Dask scheduler, such as tcp://host:8786")
+    parser.add_argument("--scheduler", help=SCHEDULER)
     arguments = parser.parse()
+    sets = sets_of(arguments.problem)
+    with cli.option("--splits"):
+        names = [name for name in arguments.splits or sets.splits if sets.split(name)]
 
     with connect(arguments.scheduler) if arguments.scheduler else contextlib.nullcontext() as client:
         began = time.perf_counter()
         with GuardedSolver(arguments.problem) as solver:
             solver.start()
         cli.say(f"solver functions ready after {time.perf_counter() - began:.1f} s")
-        try:
-            for name in arguments.splits or sets_of(arguments.problem).splits:
-                generate(name, arguments, client)
-        except BrokenExecutor as error:
-            raise SystemExit(str(error)) from None
+        for name in names:
+            generate(name, arguments, client)
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

@@ -58,9 +58,11 @@ def main() -> None:
     folder = arguments.tables or (tables.FOLDER if arguments.ship else cli.RUNS / "tables")
     if arguments.cases and folder == tables.FOLDER:
         parser.error("--cases makes smaller sets than those of the package; leave --ship out, or name another --tables")
+    with cli.option("--splits"):
+        wanted = sets(arguments.problem, arguments.splits, arguments.cases)
     problem, path = arguments.problem, arguments.results / f"splits_{arguments.problem.id}.json"
     databases = arguments.data / problem.id / "hard" / (str(arguments.cases) if arguments.cases else "")
-    for name, hard in sets(problem, arguments.splits, arguments.cases).items():
+    for name, hard in wanted.items():
         found, report = made(problem, name, hard, databases, arguments.workers)
         cli.say(f"wrote {reference.write(problem, name, found, folder)}")
         cli.say(f"{name}: {len(found)} of {report.candidates} candidates, {report.seconds:.0f} s")
@@ -69,4 +71,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

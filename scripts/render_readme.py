@@ -4,13 +4,12 @@ A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made
 part of it: ``<!-- table: NAME PART -->``.
 """
 
-import argparse
 import re
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from moe_policy.experiments import cli
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
 from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
 from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLUMNS
@@ -70,18 +69,18 @@ def render(text: str) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = cli.parser(__doc__, env=None, results=False)
     parser.add_argument("--check", action="store_true", help="change nothing; exit with 1 if a page differs")
-    arguments = parser.parse_args()
+    arguments = parser.parse()
     differ = False
     for path in (ROOT / page for page in PAGES):
-        old = path.read_text()
+        old = path.read_text(encoding="utf-8")
         new = render(old)
         differ |= old != new
         if not arguments.check:
-            path.write_text(new)
+            path.write_text(new, encoding="utf-8")
     return int(arguments.check and differ)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    cli.run(main)

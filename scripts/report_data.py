@@ -11,7 +11,6 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.data import accuracy_of, contents
 from moe_policy.experiments.data_report import DataReport, Integration, text
 from moe_policy.experiments.figures.data import data_figure
-from ocp_envs.data.database import Database
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.solvers.accuracy import ATOL, RTOL
 from ocp_envs.support.provenance import provenance
@@ -27,15 +26,14 @@ def main() -> None:
     arguments = parser.parse()
 
     problem, folder = arguments.problem, arguments.data / arguments.problem.id
-    paths = {name: folder / f"{name}.zarr" for name in arguments.splits or sets_of(problem).splits}
-    if arguments.splits is None:
-        paths = {name: path for name, path in paths.items() if path.exists()}
-    if not paths:
-        raise SystemExit(f"there are no databases in {folder}; make them with generate_data.py")
+    sets = sets_of(problem)
+    with cli.option("--splits"):
+        names = [name for name in arguments.splits or sets.splits if sets.split(name)]
+    if arguments.splits is None:  # those that exist, or else a complaint about the first
+        names = [name for name in names if (folder / f"{name}.zarr").exists()] or names[:1]
     reports, splits = {}, {}
-    for name, path in paths.items():
-        sets_of(problem).split(name)  # raises, with the nearest split, where there is none
-        database = Database.open(path, problem)
+    for name in names:
+        database = cli.database(arguments, name)
         accuracy = accuracy_of(database, arguments.accuracy_cases, SEED)
         held = contents(database, accuracy)
         reports[name], splits[name] = (held, accuracy), held.report
@@ -47,4 +45,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

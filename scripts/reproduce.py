@@ -223,7 +223,7 @@ def main() -> None:
     for name in arguments.table:
         record, text = TABLES[name](made, quick)
         write(results / f"table_{name}.json", record)
-        (results / f"table_{name}.md").write_text(text)
+        (results / f"table_{name}.md").write_text(text, encoding="utf-8")
         cli.say(f"\n{text}")
     for name in arguments.figure:
         path = results / f"figure_{name}"
@@ -233,4 +233,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

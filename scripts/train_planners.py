@@ -8,7 +8,6 @@ The planners go to ``runs/models/<env-id>/``, with ``--ship`` into the package. 
 
 import time
 
-import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.learning import recipes
@@ -24,9 +23,12 @@ def main() -> None:
         help="recipes, see moe_policy/learning/recipes.py; the benchmark's by default",
     )
     arguments = parser.parse()
+    with cli.option("--names"):
+        for name in arguments.names or ():
+            recipes.check(name)
     cli.threads()
     problem, benchmark = arguments.problem, benchmark_of(arguments.problem)
-    database = ocp_envs.Database.open(arguments.data / problem.id / "training.zarr", problem)
+    database = cli.database(arguments, "training")
     samples = database.samples(database.first(benchmark.training.instances))
     settings, seed = benchmark.training.settings, arguments.seed
     with WorkerPool(arguments.workers) as pool:
@@ -39,4 +41,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

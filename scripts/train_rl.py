@@ -49,12 +49,13 @@ def override(problem: OptimalControlProblem, algorithm: str, texts: list[str]) -
     for text in texts:
         name, _, value = text.partition("=")
         if name not in names or not value:
-            raise SystemExit(f"--set {text}: expected name=value with a name of {sorted(names)}")
+            raise cli.UsageError(f"--set {text}: expected name=value with a name of {sorted(names)}")
         try:
             values[name] = ast.literal_eval(value)
         except (ValueError, SyntaxError):
             values[name] = value
-    return dataclasses.replace(settings, **values)
+    with cli.option("--set"):
+        return dataclasses.replace(settings, **values)
 
 
 def validated(problem: OptimalControlProblem, run: TrainingRun) -> LearnerValidation:
@@ -99,13 +100,12 @@ def trained(
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser = cli.parser(__doc__, models=True, ship="write the policy into the package and the record into results/")
+    parser = cli.parser(
+        __doc__, data=True, models=True, ship="write the policy into the package and the record into results/"
+    )
     parser.add_argument("--algorithm", choices=sorted(ALGORITHMS), default="sac", help="the learner; default sac")
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE", help="settings that are changed")
     parser.add_argument("--trial", metavar="NOTE", help="a trial of the search: what is tried; no policy is kept")
-    parser.add_argument(
-        "--checkpoints", metavar="FOLDER", type=Path, default=cli.DATA / "training", help="best policy so far"
-    )
     return parser.parse()
 
 
@@ -113,6 +113,7 @@ def main() -> None:
     arguments = parse_arguments()
     cli.threads()
     problem, algorithm = arguments.problem, arguments.algorithm
+    cli.need("sb3_contrib" if algorithm == "tqc" else "stable_baselines3")
     settings = override(problem, algorithm, arguments.set)
     path = arguments.results / f"search_{algorithm}_{problem.id}.json"
     earlier = read(path, Search).trials if path.exists() else ()
@@ -122,7 +123,7 @@ def main() -> None:
             trial = Trial(note=arguments.trial, run=run)
             write(path, Search(env_id=problem.id, trials=(*earlier, trial)))
 
-    run, record = trained(problem, settings, arguments.checkpoints / f"{algorithm}_{problem.id}", keep_trial)
+    run, record = trained(problem, settings, arguments.data / "training" / f"{algorithm}_{problem.id}", keep_trial)
     if not arguments.trial:
         found = LearnerTraining(env_id=problem.id, run=record, validation=validated(problem, run), search=earlier)
         if settings.seed == 0:
@@ -133,4 +134,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main)

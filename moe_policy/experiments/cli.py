@@ -2,19 +2,29 @@
 
 A run writes into ``runs/``, which git ignores. With ``--ship`` it writes into ``results/``, the committed records (and,
 where a script makes models or tables, into the package). ``--results`` names any other folder and takes precedence.
+Default folders are those of the repository, wherever a script is called.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import math
 import os
+import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NoReturn
 
 import torch
+from tqdm import tqdm
 
 import ocp_envs
+from moe_policy.experiments import install
 from moe_policy.experiments.records import Record, write
+from moe_policy.experiments.running import UsageError as UsageError
+from moe_policy.experiments.running import option as option
+from moe_policy.experiments.running import run as run
 from moe_policy.store import SHIPPED
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError
@@ -22,10 +32,14 @@ from ocp_envs.problems import UnknownProblemError
 ROOT = Path(__file__).resolve().parents[2]
 #: Folders of the databases, of a user's results, and of the committed records.
 DATA, RUNS, RECORDS = ROOT / "data", ROOT / "runs", ROOT / "results"
+_FOLDERS = "Folders that you name are relative to the working directory; default folders are in the repository."
 
 
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line and exit with status 2."""
+
+    #: Options that name folders which the script writes to.
+    outputs: tuple[str, ...] = ()
 
     def error(self, message: str) -> NoReturn:
         """Print ``message`` without the usage, and exit with status 2."""
@@ -38,9 +52,12 @@ class Parser(argparse.ArgumentParser):
         ``seed`` and ``cases``, each where the script has the option; folders are resolved.
         """
         arguments = self.parse_args()
-        for folder, record, run in (("results", RECORDS, RUNS), ("models", SHIPPED, RUNS / "models")):
+        for folder, shipped, usual in (("results", RECORDS, RUNS), ("models", SHIPPED, RUNS / "models")):
             if getattr(arguments, folder, self) is None:
-                setattr(arguments, folder, record if arguments.ship else run)
+                setattr(arguments, folder, shipped if arguments.ship else usual)
+        for name in self.outputs:
+            if fault := fault_of(getattr(arguments, name)):
+                self.error(f"argument --{name}: {fault}")
         return arguments
 
 
@@ -64,12 +81,12 @@ def parser(
     for all. The others say whether there are ``--data`` (folder of the databases), ``--results`` and ``--ship`` (which
     does what ``ship`` says), ``--models`` (folder of models; needs ``results``) and ``--workers``.
     """
-    made = Parser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    folders = _FOLDERS if data or results or models else None
+    made = Parser(description=doc, epilog=folders, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.outputs = tuple(name for name, there in (("results", results), ("models", models)) if there)
     if env is not None:
-        known = ", ".join(ocp_envs.names())
-        made.add_argument(
-            "--env", dest="problem", metavar="ID", type=problem_of, default=env, help=f"{known}; default {env}"
-        )
+        known = f"{', '.join(ocp_envs.names())}, or MODULE:ID of a module that registers yours; default {env}"
+        made.add_argument("--env", dest="problem", metavar="ID", type=problem_of, default=env, help=known)
     if data:
         made.add_argument("--data", metavar="FOLDER", type=Path, default=DATA, help="databases; data/ by default")
     if results:
@@ -80,7 +97,7 @@ def parser(
     if workers:
         made.add_argument("--workers", metavar="N", type=positive, help="processes; one per core by default")
     if seed is not None:
-        made.add_argument("--seed", metavar="N", type=int, default=seed, help=f"random seed; default {seed}")
+        made.add_argument("--seed", metavar="N", type=whole, default=seed, help=f"random seed; default {seed}")
     if cases is not None:
         shown = f"number of {cases}; {default_cases or 'all'} by default"
         made.add_argument("--cases", metavar="N", type=positive, default=default_cases, help=shown)
@@ -88,10 +105,17 @@ def parser(
 
 
 def problem_of(name: str) -> OptimalControlProblem:
-    """The problem called ``name``; the parser turns an unknown name into an error that suggests the nearest one."""
+    """The problem called ``name``, as in Gymnasium after the import of a module where it is ``"module:id"``.
+
+    A module in the working directory is found. The parser turns an error into one that suggests the nearest name.
+    """
+    module, _, own = name.rpartition(":")
     try:
-        return ocp_envs.load(name)
-    except UnknownProblemError as error:
+        if module:
+            sys.path.append(os.getcwd())
+            importlib.import_module(module)
+        return ocp_envs.load(own)
+    except (UnknownProblemError, ImportError) as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
@@ -100,6 +124,63 @@ def positive(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number of 1 or more")
     return int(text)
+
+
+def whole(text: str) -> int:
+    """A whole number of 0 or more."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a whole number of 0 or more")
+    return int(text)
+
+
+def amount(text: str) -> float:
+    """A finite number of 0 or more."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        raise argparse.ArgumentTypeError(f"got {text!r}, expected a number of 0 or more")
+    return value
+
+
+def fault_of(folder: Path) -> str | None:
+    """Why files cannot be written into ``folder``, which need not exist; ``None`` if they can."""
+    there = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        return f"{there} is not a folder"
+    return None if os.access(there, os.W_OK | os.X_OK) else f"{there} is not writable"
+
+
+def at_most(count: int | None, there: int, what: str, name: str = "--cases") -> None:
+    """Refuse a ``count`` of the option ``name`` that exceeds the number ``there`` is of ``what``.
+
+    Raises:
+        UsageError: it does.
+    """
+    if count is not None and count > there:
+        raise UsageError(f"{name}: got {count:,}, there are {there:,} {what}")
+
+
+def need(module: str) -> None:
+    """Exit, before work begins, where the optional package ``module`` is missing; the message says what to install."""
+    if find_spec(module) is None:
+        raise SystemExit(install(module))
+
+
+def database(arguments: argparse.Namespace, name: str) -> ocp_envs.Database:
+    """The database ``name`` of ``arguments.problem`` in the folder ``arguments.data``.
+
+    Raises:
+        DatabaseError: it is damaged, or made for another problem.
+        SystemExit: there is none; the message is the command that makes it.
+    """
+    path = arguments.data / arguments.problem.id / f"{name}.zarr"
+    if not path.exists():
+        folder = "" if arguments.data == DATA else f" --data {arguments.data}"
+        command = f"python scripts/generate_data.py --env {arguments.problem.id} --splits {name}{folder}"
+        raise SystemExit(f"there is no database {path}; make it with: {command}")
+    return ocp_envs.Database.open(path, arguments.problem)
 
 
 def threads() -> None:
@@ -122,5 +203,6 @@ def publish(arguments: argparse.Namespace, name: str, record: Record) -> Path:
 
 
 def say(text: str = "") -> None:
-    """Print ``text`` at once, also into a pipe."""
-    print(text, flush=True)
+    """Print ``text`` at once, also into a pipe, and above a bar that shows progress."""
+    tqdm.write(text)
+    sys.stdout.flush()

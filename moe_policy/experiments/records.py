@@ -83,6 +83,10 @@ def inline() -> Any:
     return dataclasses.field(metadata={"inline": True})
 
 
+class RecordError(ValueError):
+    """A file is not the record that was expected."""
+
+
 class Record:
     """Base of the records; a subclass is a ``dataclass(frozen=True, kw_only=True)``."""
 
@@ -108,14 +112,14 @@ def read(path: str | os.PathLike[str], kind: type[R], default: R | None = None) 
     """The record of type ``kind`` in the file ``path``; the ``default``, if any, where there is none.
 
     Raises:
-        ValueError: the file is not such a record; the message says where.
+        RecordError: the file is not such a record; the message says where.
     """
     if default is not None and not Path(path).exists():
         return default
     try:
-        return kind.from_json(json.loads(Path(path).read_text()))
-    except ValueError as error:
-        raise ValueError(f"{path} is not a {kind.__name__}: {error}") from error
+        return kind.from_json(json.loads(Path(path).read_text(encoding="utf-8")))
+    except (ValueError, RecursionError) as error:
+        raise RecordError(f"{path} is not a {kind.__name__}: {error}") from error
 
 
 def write(path: str | os.PathLike[str], record: Record) -> None:

@@ -34,12 +34,26 @@ FORMS: Mapping[str, str] = MappingProxyType(
 )
 
 
+#: Regular expressions of the names.
+_PATTERNS = tuple(re.escape(form).replace("<k>", r"[1-9]\d*").replace("<epsilon>", r"\d+(\.\d+)?") for form in FORMS)
+
+
 class _Common(TypedDict):
     """Arguments that all trainings take."""
 
     settings: TrainingSettings
     seed: int
     checkpoints: Path | None
+
+
+def check(name: str) -> None:
+    """Refuse a ``name`` that is none of :data:`FORMS`.
+
+    Raises:
+        ValueError: it is none; the message lists them.
+    """
+    if not any(re.fullmatch(pattern, name) for pattern in _PATTERNS):
+        raise ValueError(f"no recipe for {name!r}; expected one of {', '.join(FORMS)}")
 
 
 def make(
@@ -65,6 +79,7 @@ def make(
         CheckpointError: the folder holds the state of another training.
         ValueError: no such recipe, or unusable samples.
     """
+    check(name)
     if name == "nearest":
         return NearestPlanner(database)
     how: _Common = {"settings": settings, "seed": seed, "checkpoints": checkpoints}
@@ -78,9 +93,8 @@ def make(
         return fit_mixture(database, labels, executor=executor, **how)
     if name == "moe-random":
         return fit_mixture_jointly(database, cluster(database, "custom").k, **how)
-    if found := re.fullmatch(r"moe-retrained-(argmax|softmax-([\d.]+))", name):
-        mixing: Mixing = Softmax(float(found[2])) if found[2] else ARGMAX
-        trained = make("moe-custom", database, executor=executor, **how)
-        assert isinstance(trained, NetworkPlanner)
-        return retrain(trained, database, mixing, **how)
-    raise ValueError(f"no recipe for {name!r}; expected one of {', '.join(FORMS)}")
+    epsilon = name.removeprefix("moe-retrained-").removeprefix("softmax-")
+    mixing: Mixing = ARGMAX if epsilon == "argmax" else Softmax(float(epsilon))
+    trained = make("moe-custom", database, executor=executor, **how)
+    assert isinstance(trained, NetworkPlanner)
+    return retrain(trained, database, mixing, **how)

@@ -9,14 +9,15 @@ process communicates with each worker.
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pickle
 import signal
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from multiprocessing import connection, get_context, parent_process
+from multiprocessing import connection, get_context, parent_process, resource_tracker
 from types import TracebackType
 from typing import ParamSpec, TypeVar, cast
 
@@ -107,7 +108,7 @@ class _Worker:
     def __init__(self) -> None:
         self._connection, theirs = _SPAWN.Pipe()
         self.process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
-        with _STARTING:
+        with _STARTING, _interrupts_blocked():
             self.process.start()
         theirs.close()  # now the death of the process ends the pipe
 
@@ -131,6 +132,17 @@ class _Worker:
     def kill(self) -> None:
         """End the process; the thread that waits for an answer notices it at the pipe."""
         self.process.kill()
+
+
+@contextlib.contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes started in the block get no interrupts from the terminal, not even before they run :func:`_serve`."""
+    resource_tracker.ensure_running()  # starting it would unblock them
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _serve(pipe: connection.Connection) -> None:

@@ -1,11 +1,14 @@
 """The command line that all scripts share."""
 
+import argparse
 import sys
 
+import gymnasium
 import pytest
 
 from moe_policy.experiments import cli
 from moe_policy.store import SHIPPED
+from ocp_envs import problems
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 
@@ -63,3 +66,85 @@ def test_options_exist_only_where_a_script_has_them(parse):
     assert parse(cases="instances", default_cases=200).cases == 200
     assert vars(everything).keys() == {"problem", "data", "results", "ship", "models", "workers", "seed", "cases"}
     assert (everything.data, everything.workers, everything.seed, everything.cases) == (cli.DATA, None, 3, None)
+
+
+@pytest.mark.parametrize("words", [("--seed", -1), ("--seed", "x"), ("--seed", 1.5)])
+def test_seeds_are_whole_numbers(words, parse, capsys):
+    with pytest.raises(SystemExit):
+        parse(*words, seed=0)
+    assert "expected a whole number of 0 or more" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("text", ["-1", "nan", "inf", "much"])
+def test_amounts_are_finite_and_not_negative(text):
+    with pytest.raises(argparse.ArgumentTypeError, match="expected a number of 0 or more"):
+        cli.amount(text)
+
+
+def test_amounts_are_numbers():
+    assert cli.amount("1e-3") == 1e-3
+
+
+def test_more_cases_than_there_are_is_an_error():
+    with pytest.raises(cli.UsageError, match="--cases: got 5,000, there are 1,000 validation instances"):
+        cli.at_most(5000, 1000, "validation instances")
+    cli.at_most(1000, 1000, "validation instances")
+    cli.at_most(None, 1000, "validation instances")
+
+
+def test_a_folder_that_cannot_be_written_is_refused_before_any_work(parse, capsys, tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(SystemExit):
+        parse("--results", tmp_path / "file" / "results")
+    assert f"argument --results: {tmp_path / 'file'} is not a folder" in capsys.readouterr().err
+
+
+def test_a_folder_of_somebody_else_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr(cli.os, "access", lambda path, mode: False)
+    assert cli.fault_of(tmp_path / "new") == f"{tmp_path} is not writable"
+
+
+def test_a_missing_package_is_told_with_its_cure(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
+    with pytest.raises(SystemExit, match=r'sb3_contrib is missing; install it with: .*"\.\[tqc\]"'):
+        cli.need("sb3_contrib")
+
+
+def test_a_missing_database_is_told_with_the_command_that_makes_it(parse, tmp_path):
+    arguments = parse("--data", tmp_path, data=True)
+    command = f"python scripts/generate_data.py --env {PENDULUM.id} --splits training --data {tmp_path}"
+    with pytest.raises(SystemExit, match=f"there is no database .*training.zarr; make it with: {command}"):
+        cli.database(arguments, "training")
+
+
+OWN = """
+import dataclasses, ocp_envs
+ocp_envs.register(dataclasses.replace(ocp_envs.load("PendulumSwingup-v0"), id="OwnPendulum-v0"))
+"""
+
+
+@pytest.fixture
+def own(monkeypatch, tmp_path):
+    """A module in the working directory that registers a problem."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.setattr(problems, "_catalogue", dict(problems._catalogue))
+    (tmp_path / "own_problem.py").write_text(OWN)
+    yield "own_problem"
+    sys.modules.pop("own_problem", None)
+    gymnasium.registry.pop("OwnPendulum-v0", None)
+
+
+def test_a_problem_of_the_user_comes_from_the_module_that_registers_it(own, parse):
+    assert parse("--env", f"{own}:OwnPendulum-v0").problem.id == "OwnPendulum-v0"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("{}:OwnPendulm-v0", "did you mean 'OwnPendulum-v0'?"), ("nothing:X-v0", "No module named")]
+)
+def test_a_module_or_problem_that_is_not_there_is_one_line(name, words, own, parse, capsys):
+    with pytest.raises(SystemExit):
+        parse("--env", name.format(own))
+    shown = capsys.readouterr().err
+    assert words in shown
+    assert shown.count("\n") == 1

@@ -349,7 +349,7 @@ def test_train_rl_ships_a_policy_and_its_record(script, run, monkeypatch, tmp_pa
     module = script("train_rl")
     few = reference.ReferenceSet(np.array([[0.5, 0.0], [3.0, 0.1]]), np.ones((2, 3)))
     monkeypatch.setattr(module.reference, "load", lambda problem, split: few)
-    folders = [f"--{name}={tmp_path / name}" for name in ("models", "results", "checkpoints")]
+    folders = [f"--{name}={tmp_path / name}" for name in ("models", "results", "data")]
     run(module, "--trial", "two layers", *folders, "--set", *SHORT)
     assert not (tmp_path / "models").exists()
     run(module, *folders, "--set", *SHORT)
