@@ -14,8 +14,9 @@ import numpy as np
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import Method
+from moe_policy.experiments.metric_columns import METRICS
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
-from moe_policy.experiments.tables import Column, duration, proportion
+from moe_policy.experiments.tables import Column, duration
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.prediction_error import validation_error
 from moe_policy.rollouts.environments import environments
@@ -172,13 +173,8 @@ def _planning(size: str) -> Callable[[ComparisonRow], float | None]:
 
 COLUMNS: tuple[Column[ComparisonRow], ...] = (
     Column("policy", lambda row: row.name),
-    Column("reached", lambda row: row.metrics.reached.count),
-    Column("success (95 % interval)", lambda row: row.metrics.success, proportion),
-    Column("… at the plan's end", lambda row: row.metrics.success_at_plan_end, proportion),
-    Column("error there", lambda row: row.metrics.plan_end_error_median, ".2g"),
-    Column("mean violation at knots, m", lambda row: row.metrics.knot_violation_mean, ".3f"),
-    Column("… on the whole path", lambda row: row.metrics.violation_mean, ".3f"),
-    Column("cost / optimal", lambda row: row.metrics.relative_cost, ".3f"),
+    *(metric.column.of_part(lambda row: row.metrics) for metric in METRICS),
+    Column("error at the plan's end", lambda row: row.metrics.plan_end_error_median, ".2g"),
     Column("test error", lambda row: row.test_error, ".2g"),
     Column("validation error", lambda row: row.validation_error, ".2g"),
     Column("plan, batch 1", _planning("1"), duration),

@@ -16,6 +16,7 @@ import numpy as np
 from moe_policy.experiments.records import Record
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Estimate, Mean, Proportion
+from moe_policy.rollouts.metrics import TOLERANCES
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 
@@ -52,25 +53,29 @@ def _at_plan_end(problem: OptimalControlProblem, episodes: Episodes) -> Bools | 
     return episodes.plan_end_error < problem.goal.radius if _planned(episodes) else None
 
 
-def _at_knots(_: OptimalControlProblem, episodes: Episodes) -> Array | None:
-    return episodes.knot_violation if _planned(episodes) else None
+def _clear(tolerance: float) -> Measure:
+    text = f"{100 * tolerance:g} cm"
+    return Measure(
+        f"success_clear_{tolerance:g}",
+        f"ends at the goal and enters at most {text}, %",
+        lambda _, episodes: episodes.success & episodes.clear(tolerance),
+    )
 
 
 def measures_of(problem: OptimalControlProblem) -> tuple[Measure, ...]:
-    """What is measured on ``problem``.
+    """What is measured on ``problem``, the hardest measure first.
 
-    Where there is an obstacle nearly every plan ends at the goal; planners differ in how deep they enter the obstacle.
+    Where there is an obstacle nearly every plan ends at the goal; planners differ in whether they enter the obstacle,
+    and how deep.
     """
     if problem.n_clearances:
-        return (
-            Measure("knot_violation_mean", "mean violation at the plan's knots, m", _at_knots),
-            Measure("violation_mean", "mean violation on the whole path, m", lambda _, episodes: episodes.violation),
-        )
+        violation = Measure("violation_mean", "mean violation on the whole path, m", lambda _, e: e.violation)
+        return (*map(_clear, TOLERANCES), violation)
     if problem.hold == 0:
         return (Measure("success", "success at the plan's end, %", lambda _, episodes: episodes.success),)
     return (
         Measure("success_at_plan_end", "success at the plan's end, %", _at_plan_end),
-        Measure("success", "success after the hold, %", lambda _, episodes: episodes.success),
+        Measure("success", "success after terminal regulation, %", lambda _, episodes: episodes.success),
     )
 
 

@@ -9,12 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, Self
 
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.perturbations import Perturbation
-from moe_policy.experiments.records import Record, inline
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.intervals import Proportion
@@ -37,12 +37,20 @@ class PlantRow(Record):
     left_box: int  # episodes that left the operating box
     violation_mean: float | None  # mean of the maximum violation on the path, metres; ``None`` without constraints
     knot_violation_mean: float | None  # the same at the plan's knots; ``None`` without plan or constraints
+    success_clear: dict[str, Proportion] | Absent | None = ABSENT  # as in the metrics; older files lack it
 
     @classmethod
     def of(cls, name: str, metrics: Metrics) -> Self:
         """The row of the method ``name`` with ``metrics``."""
         return cls(
-            name=name, **{field.name: getattr(metrics, field.name) for field in fields(cls) if field.name != "name"}
+            name=name,
+            reached=metrics.reached,
+            success=metrics.success,
+            success_at_plan_end=metrics.success_at_plan_end,
+            left_box=metrics.left_box,
+            violation_mean=None if metrics.violation is None else metrics.violation.mean.mean,
+            knot_violation_mean=None if metrics.knot_violation is None else metrics.knot_violation.mean.mean,
+            success_clear=metrics.success_clear,
         )
 
     @property

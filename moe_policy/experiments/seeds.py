@@ -61,6 +61,8 @@ class Model(Record):
     reached: int  # number of rollouts that enter the goal ball
     violation: float | None  # mean violation on the whole path, metres; ``None`` without path constraints
     knot_violation: float | None  # the same at the knots
+    #: number of successes within each tolerance of the path constraints, by the tolerance; ``None`` without constraints
+    success_clear: dict[str, int] | Absent | None = ABSENT
     validation_error: float  # smooth L1 loss of its predictions
 
     @classmethod
@@ -70,6 +72,7 @@ class Model(Record):
         optimal, p = validation.trajectory, validation.parameters
         row, _ = comparison.run(planner.problem, method, p, optimal=optimal, batches=())
         metrics, error = row.metrics, present(row.validation_error)
+        clear = metrics.success_clear
         assert metrics.success_at_plan_end is not None
         assert error is not None
         return cls(
@@ -77,8 +80,9 @@ class Model(Record):
             success=metrics.success.count,
             success_at_plan_end=metrics.success_at_plan_end.count,
             reached=metrics.reached.count,
-            violation=metrics.violation_mean,
-            knot_violation=metrics.knot_violation_mean,
+            violation=None if metrics.violation is None else metrics.violation.mean.mean,
+            knot_violation=None if metrics.knot_violation is None else metrics.knot_violation.mean.mean,
+            success_clear=None if clear is None else {tolerance: found.count for tolerance, found in clear.items()},
             validation_error=error,
         )
 
@@ -137,6 +141,7 @@ class TrainingRow(Record):
     reached: tuple[int, ...] | Absent = ABSENT
     violation: tuple[float | None, ...] | Absent = ABSENT
     knot_violation: tuple[float | None, ...] | Absent = ABSENT
+    success_clear: tuple[dict[str, int] | Absent | None, ...] | Absent = ABSENT
     test_error: tuple[float, ...]
     validation_error: tuple[float, ...]
     training_seconds: tuple[float, ...]
@@ -163,6 +168,12 @@ class TrainingRow(Record):
         spreads: dict[str, Any] = {f"{name}_spread": Range.of(lists[name]) for name in spread}
         seeds = tuple(training.seed for training in trainings)
         return cls(name=name, samples=trainings[0].samples, seeds=seeds, paper=Paper.of(published), **lists, **spreads)
+
+    def clear(self, tolerance: str) -> Range | Absent:
+        """The range of the successes within ``tolerance`` of the path constraints, where all seeds have it."""
+        found = [present(counts) for counts in present(self.success_clear) or ()]
+        known = [counts[tolerance] for counts in found if counts is not None]
+        return Range.of(known) if len(known) == len(self.seeds) else ABSENT
 
     def with_paper(self, published: Published | None) -> TrainingRow:
         """The row with the values of ``published``, or unchanged."""

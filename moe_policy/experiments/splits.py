@@ -1,14 +1,14 @@
 """The comparison of methods on the splits of a problem.
 
-The splits are ``uniform`` (the validation set), ``boundary`` (near the discontinuity of the optimum) and ``outside``
-(outside the parameter box), see :mod:`ocp_envs.sets.splits`. Instances of ``uniform`` and ``boundary`` together make
+The splits are ``uniform`` (the validation set), ``boundary`` (near the discontinuity of the optimum), ``near`` (near
+the goal) and ``outside`` (outside the parameter box), see :mod:`ocp_envs.sets.splits`. Instances of ``uniform`` and ``boundary`` together make
 the curves over the distance from the discontinuity (:mod:`moe_policy.experiments.distances`): both sets are uniform
 where they overlap, so a bin of both is a bin of uniform instances at that distance.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -16,16 +16,18 @@ import numpy as np
 
 from moe_policy.experiments.comparison import ComparisonRow
 from moe_policy.experiments.distances import DistanceCurves, measures_of
-from moe_policy.experiments.records import Record, inline, renamed
-from moe_policy.experiments.tables import Column, proportion
+from moe_policy.experiments.metric_columns import METRICS
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline, renamed
+from moe_policy.experiments.trainings import Run
 from moe_policy.rollouts.episodes import Episodes
-from moe_policy.rollouts.intervals import Estimate, Proportion, disjoint
+from moe_policy.rollouts.intervals import Estimate, Spread, disjoint
+from moe_policy.rollouts.metrics import Metrics
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
 
 #: The splits in the order of tables and figures, each with the name of its reference set.
-SPLITS = {"uniform": "validation", "boundary": "boundary", "outside": "outside"}
+SPLITS = {"uniform": "validation", "boundary": "boundary", "near": "near", "outside": "outside"}
 #: Those whose instances make the curves.
 BINNED = ("uniform", "boundary")
 
@@ -49,6 +51,37 @@ class SplitMethod(Record):
 
     name: str  # of the method
     splits: dict[str, SplitRow] = inline()  # its rows by split
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeedsRow(Record):
+    """All training seeds of a network, trained with equal settings on equal instances."""
+
+    name: str  # of the network
+    samples: int  # number of training instances
+    epochs: int  # passes over them
+    seeds: tuple[int, ...]  # of the trainings
+    splits: dict[str, dict[str, Spread]]  # by split and measure
+
+    @classmethod
+    def of(cls, runs: Sequence[Run], metrics: Mapping[str, Sequence[Metrics]]) -> Self:
+        """The row of the trainings ``runs``, whose ``metrics`` by split are those of the runs in turn."""
+        (kind,) = {(run.name, run.samples, run.settings.epochs) for run in runs}
+        name, samples, epochs = kind
+        splits = {
+            split: {
+                metric.key: Spread.of(values)
+                for metric in METRICS
+                if len(values := [v for one in found if (v := metric.value(one)) is not None]) == len(found)
+            }
+            for split, found in metrics.items()
+        }
+        return cls(name=name, samples=samples, epochs=epochs, seeds=tuple(run.seed for run in runs), splits=splits)
+
+    @property
+    def label(self) -> str:
+        """Name in tables."""
+        return f"{self.name}, {len(self.seeds)} seeds, {self.samples:,} instances"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,6 +129,7 @@ class SplitComparison(Record):
     env_id: str  # id of the problem
     splits: dict[str, SplitSummary]  # what was compared, by split
     rows: tuple[SplitMethod, ...]  # one for each method
+    seeds: tuple[SeedsRow, ...] | Absent = ABSENT  # networks over training seeds, where they were trained
     curves: DistanceCurves | None  # over the distance from the discontinuity; ``None`` where there is none
     seconds: float  # duration of the run
     provenance: Provenance  # of the record
@@ -112,27 +146,3 @@ def separations(problem: OptimalControlProblem, rows: Mapping[str, SplitRow]) ->
                 apart = disjoint(single, mixture)
                 found.append(Separation(metric=measure.name, mixture=name, disjoint=apart))
     return tuple(found)
-
-
-def _of_total(value: Proportion) -> str:
-    return f"{proportion(value)} of {value.total:,}"
-
-
-#: Columns for each split.
-_SHOWN: tuple[Column[ComparisonRow], ...] = (
-    Column("at the plan's end (95 % interval)", lambda row: row.metrics.success_at_plan_end, _of_total),
-    Column("success", lambda row: row.metrics.success, _of_total),
-    Column("mean violation at knots, m", lambda row: row.metrics.knot_violation_mean, ".3f"),
-    Column("… on the whole path", lambda row: row.metrics.violation_mean, ".3f"),
-    Column("cost / optimal", lambda row: row.metrics.relative_cost, ".3f"),
-)
-
-
-def _on(split: str, of: Callable[[ComparisonRow], object]) -> Callable[[SplitMethod], object]:
-    return lambda method: of(method.splits[split].row) if split in method.splits else None
-
-
-SPLIT_COLUMNS: tuple[Column[SplitMethod], ...] = (
-    Column("policy", lambda method: method.name),
-    *(Column(f"{split}: {shown.title}", _on(split, shown.of), shown.form) for split in SPLITS for shown in _SHOWN),
-)

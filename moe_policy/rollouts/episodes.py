@@ -18,7 +18,7 @@ class Episodes(Batch):
     Args:
         parameters: p of the episodes, (B, np).
         reached: entered the goal ball.
-        success: in the goal ball at the evaluation time.
+        success: in the goal ball at the evaluation time, whatever the path; see :meth:`clear`.
         cost: ∫L dt up to the first entry; of the whole episode where there is none.
         entry_time: seconds to the first entry, NaN where there is none.
         evaluation_time: seconds to the evaluation, or to leaving the box.
@@ -49,6 +49,13 @@ class Episodes(Batch):
     rejected: Bools
     states: Array | None = None
     controls: Array | None = None
+
+    def clear(self, tolerance: float = 0.0) -> Bools:
+        """Episodes (B,) that violate no path constraint by more than ``tolerance``, in the unit of the constraints.
+
+        ``success`` does not ask for this: an episode that crosses an obstacle on its way to the goal succeeds.
+        """
+        return np.asarray(self.violation <= tolerance)
 
     @classmethod
     def concatenate(cls, parts: Sequence[Episodes]) -> Episodes:

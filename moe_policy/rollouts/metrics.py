@@ -1,4 +1,4 @@
-"""Metrics of episodes: fractions, errors, costs relative to a baseline, violations."""
+"""Metrics of episodes: fractions, errors, costs relative to a baseline, violations of the path constraints."""
 
 from __future__ import annotations
 
@@ -7,9 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from moe_policy.rollouts.episodes import Episodes
-from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.intervals import Mean, Proportion
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+
+
+#: Violations, in the unit of the path constraints, up to which an episode counts as clear of them.
+TOLERANCES = (0.01, 0.05)
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,27 @@ class CostRatio:
 
     ratio: float | None
     episodes: int
+
+
+@dataclass(frozen=True)
+class Violation:
+    """The largest violation of the path constraints in an episode, over all episodes.
+
+    Args:
+        mean: with its interval.
+        quantile_99: exceeded in one episode of a hundred.
+        maximum: over all episodes.
+    """
+
+    mean: Mean
+    quantile_99: float
+    maximum: float
+
+    @classmethod
+    def of(cls, values: Array) -> Violation | None:
+        """The violation over episodes with ``values`` (B,); NaN, as of a rejected plan's knots, does not count."""
+        mean, finite = Mean.of(values), values[np.isfinite(values)]
+        return None if mean is None else cls(mean, float(np.quantile(finite, 0.99)), float(finite.max()))
 
 
 @dataclass(frozen=True)
@@ -37,8 +62,10 @@ class Metrics:
         left_box: episodes that left the operating box.
         clipped: plans whose duration was clipped.
         rejected: plans that were not finite.
-        violation_mean, violation_max: largest violation of the path constraints on the path; ``None`` without any.
-        knot_violation_mean, knot_violation_max: the same at the plan's knots; ``None`` without plan or constraints.
+        success_clear: successes whose violation on the whole path is at most a tolerance, by the tolerance in the unit
+            of the constraints (:data:`TOLERANCES`); ``None`` without path constraints.
+        violation: of the path constraints on the whole path; ``None`` without any.
+        knot_violation: the same at the plan's knots; ``None`` without plan or constraints.
     """
 
     reached: Proportion
@@ -52,10 +79,9 @@ class Metrics:
     left_box: int
     clipped: int
     rejected: int
-    violation_mean: float | None
-    violation_max: float | None
-    knot_violation_mean: float | None
-    knot_violation_max: float | None
+    success_clear: dict[str, Proportion] | None
+    violation: Violation | None
+    knot_violation: Violation | None
 
     @property
     def relative_cost(self) -> float | None:
@@ -75,8 +101,7 @@ def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episo
     constrained = problem.n_clearances > 0
     plan_end_median, plan_end_95 = _quantiles(episodes.plan_end_error) if planned else (None, None)
     final_median, final_95 = _quantiles(episodes.final_error)
-    path_mean, path_max = _mean_and_max(episodes.violation) if constrained else (None, None)
-    knot_mean, knot_max = _mean_and_max(episodes.knot_violation) if constrained and planned else (None, None)
+    clear = {f"{tolerance:g}": Proportion.of(episodes.success & episodes.clear(tolerance)) for tolerance in TOLERANCES}
     return Metrics(
         reached=Proportion.of(episodes.reached),
         success=Proportion.of(episodes.success),
@@ -89,22 +114,15 @@ def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episo
         left_box=int(episodes.left_box.sum()),
         clipped=int(episodes.clipped.sum()),
         rejected=int(episodes.rejected.sum()),
-        violation_mean=path_mean,
-        violation_max=path_max,
-        knot_violation_mean=knot_mean,
-        knot_violation_max=knot_max,
+        success_clear=clear if constrained else None,
+        violation=Violation.of(episodes.violation) if constrained else None,
+        knot_violation=Violation.of(episodes.knot_violation) if constrained and planned else None,
     )
 
 
 def _quantiles(errors: Array) -> tuple[float, float]:
     median, high = np.nanquantile(errors, [0.5, 0.95])
     return float(median), float(high)
-
-
-def _mean_and_max(violation: Array) -> tuple[float | None, float | None]:
-    """Over the episodes that have a value: a rejected plan has no knots."""
-    values = violation[np.isfinite(violation)]
-    return (float(values.mean()), float(values.max())) if len(values) else (None, None)
 
 
 def cost_ratio(episodes: Episodes, baseline: Episodes) -> CostRatio:

@@ -16,7 +16,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import discontinuity_of
 
 Look = Mapping[str, str]
-_MARKERS = dict(zip(SPLITS, "oDs"))
+_MARKERS = dict(zip(SPLITS, "oDvs"))
 COLUMNS = 3
 #: Levels from 0 whose maximum is more than so many times the minimum above 0 are drawn on a logarithmic axis.
 _WIDE = 15
