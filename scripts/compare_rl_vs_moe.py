@@ -8,7 +8,6 @@ metrics to ``compare_<env>.json`` and ``.png`` (with ``--train`` to ``compare_tr
 """
 
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -18,15 +17,19 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, Comparison, ComparisonRow, CostDifference, run
+from moe_policy.experiments.comparison import (
+    COLUMNS,
+    Comparison,
+    ComparisonRow,
+    CostDifference,
+    run,
+    track_optimum,
+)
 from moe_policy.experiments.figures.comparison import comparison_figure
-from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import (
     Method,
-    optimal_planner,
     shipped,
     solutions,
-    solve_all,
     stabiliser,
     steps,
     variants,
@@ -35,7 +38,6 @@ from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.stored import StoredPlans
 from moe_policy.rl import training as baselines
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
@@ -87,23 +89,16 @@ def compare(
 ) -> tuple[CostDifference, list[ComparisonRow], dict[str, Episodes]]:
     """How far optimal costs are from the reference ``costs`` (B,), the rows of all methods, and their episodes by name.
 
-    The optimal planner comes first, then ``methods``, the nearest neighbour first, their variants and the regulator.
+    The optimum comes first, then ``methods``, their variants and the regulator.
     """
-    nearest = methods[0].actor
-    assert isinstance(nearest, NearestPlanner)
-    trajectories, found = solve_all(problem, parameters, nearest, cli.DATA / "optimal" / problem.id)
-    difference = CostDifference.of(found, costs)
-    solved = int(np.isfinite(found).sum())
+    optimum = track_optimum(problem, parameters, costs, methods, cli.DATA / "optimal" / problem.id)
+    difference, solved = CostDifference.of(optimum.costs, costs), int(np.isfinite(optimum.costs).sum())
     cli.say(f"optimal trajectories: {solved} solved; {difference.within} at the reference cost within 0.1 %")
-    planner = optimal_planner(problem, nearest)
-    planning = time_planner(planner, parameters, (1,), repeats=20)
-    if len(parameters) >= 1000:  # fewer would be solved repeatedly
-        planning |= time_planner(planner, parameters, (1000,), repeats=1)
-    # The solutions are tracked, not solved again.
-    row, baseline = run(problem, Method("optimal", StoredPlans(parameters, trajectories)), parameters, batches=())
-    rows, episodes = [replace(row, planning_seconds=planning)], {"optimal": baseline}
+    rows, episodes = [optimum.row], {"optimal": optimum.episodes}
     for method in [*methods, *variants(problem, methods), *stabiliser(problem)]:
-        row, episodes[method.name] = run(problem, method, parameters, optimal=trajectories, baseline=baseline)
+        row, episodes[method.name] = run(
+            problem, method, parameters, optimal=optimum.trajectories, baseline=optimum.baseline
+        )
         rows.append(row)
         cli.say(f"{method.name}: {row.metrics.success.count} of {len(parameters)}")
     return difference, rows, episodes

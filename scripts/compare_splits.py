@@ -1,9 +1,11 @@
 """Compare optimal control, networks, mixtures, reinforcement learning and the stabiliser on hard instances.
 
 All run from the same initial conditions through the same rollout loop: those of ``uniform`` (the validation set),
-``boundary`` (near the discontinuity of the optimum) and ``outside`` (outside the parameter box), as far as the problem
-has them; ``scripts/make_splits.py`` makes the last two. Writes ``compare_splits_<env>.json``, with the curves over the
-distance from the discontinuity, and the picture ``splits_<env>.png``. The pendulum takes about two minutes.
+``boundary`` (near the discontinuity of the optimum), ``near`` (near the goal) and ``outside`` (outside the parameter
+box), as far as the problem has them; ``scripts/make_splits.py`` makes the hard ones. With ``--seeds`` also the networks
+that ``scripts/compare_training.py`` trained with several seeds, all with equal settings. Writes
+``compare_splits_<env>.json``, with the curves over the distance from the discontinuity, and the picture
+``splits_<env>.png``. The pendulum takes about two minutes.
 
     python scripts/compare_splits.py --env GroundVehicle-v0
     python scripts/compare_splits.py --cases 100
@@ -15,16 +17,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from moe_policy.experiments import cli
-from moe_policy.experiments.comparison import run
+from moe_policy.experiments import cli, trainings
+from moe_policy.experiments.comparison import run, track_optimum
 from moe_policy.experiments.distances import DistanceCurves
 from moe_policy.experiments.figures.generalisation import splits_figure
-from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
+from moe_policy.experiments.methods import Method, shipped, stabiliser
+from moe_policy.experiments.records import ABSENT
+from moe_policy.experiments.split_table import SPLIT_COLUMNS, lines
 from moe_policy.experiments.splits import (
     BINNED,
-    SPLIT_COLUMNS,
     SPLITS,
     CostDifferenceRange,
+    SeedsRow,
     SplitComparison,
     SplitMethod,
     SplitRow,
@@ -32,8 +36,10 @@ from moe_policy.experiments.splits import (
     separations,
 )
 from moe_policy.experiments.tables import text_table
-from moe_policy.planners.stored import StoredPlans
+from moe_policy.experiments.trainings import Run
+from moe_policy.planners.network import NetworkPlanner
 from moe_policy.rollouts.episodes import Episodes
+from moe_policy.rollouts.metrics import Metrics
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.discontinuity import discontinuity_of
@@ -50,26 +56,47 @@ class Outcome:
     summary: SplitSummary
     rows: dict[str, SplitRow]
     episodes: dict[str, Episodes]
+    seeds: dict[Run, Metrics]  # of the networks that were trained with several seeds
 
 
-def compare_on(problem: OptimalControlProblem, methods: Sequence[Method], split: str, cases: ReferenceSet) -> Outcome:
-    """The optimum and all ``methods`` on the ``cases`` of one ``split``."""
-    trajectories, costs = solve_all(problem, cases.parameters, keep=cli.DATA / "optimal" / problem.id)
-    solved = np.isfinite(costs)
-    optimal = Method("optimal", StoredPlans(cases.parameters, trajectories))
-    rows: dict[str, SplitRow] = {}
-    episodes: dict[str, Episodes] = {}
-    for method in [optimal, *methods]:
-        row, made = run(problem, method, cases.parameters, baseline=episodes.get("optimal"), batches=())
+def compare_on(
+    problem: OptimalControlProblem,
+    methods: Sequence[Method],
+    networks: Mapping[Run, NetworkPlanner],
+    split: str,
+    cases: ReferenceSet,
+) -> Outcome:
+    """The optimum, all ``methods`` and the ``networks`` of several seeds on the ``cases`` of one ``split``."""
+    p = cases.parameters
+    optimum = track_optimum(problem, p, cases.cost, methods, cli.DATA / "optimal" / problem.id)
+    episodes = {"optimal": optimum.episodes}
+    rows = {"optimal": SplitRow.of(problem, optimum.row, optimum.episodes)}
+    for method in methods:
+        row, made = run(problem, method, p, baseline=optimum.baseline, batches=())
         rows[method.name], episodes[method.name] = SplitRow.of(problem, row, made), made
         cli.say(f"{split}, {method.name}: {row.metrics.success.count} of {len(cases)}")
+    seeds = {}
+    for training, planner in networks.items():
+        row, _ = run(problem, Method(training.name, planner), p, baseline=optimum.baseline, batches=())
+        seeds[training] = row.metrics
+        cli.say(f"{split}, {training.name}, seed {training.seed}: {row.metrics.success.count} of {len(cases)}")
+    solved = np.isfinite(optimum.costs)
     summary = SplitSummary(
         cases=len(cases),
         optimal_solved=int(solved.sum()),
-        reference_difference=CostDifferenceRange.of(costs[solved], cases.cost[solved]),
+        reference_difference=CostDifferenceRange.of(optimum.costs[solved], cases.cost[solved]),
         separations=separations(problem, rows),
     )
-    return Outcome(cases, summary, rows, episodes)
+    return Outcome(cases, summary, rows, episodes, seeds)
+
+
+def seed_rows(networks: Mapping[Run, NetworkPlanner], outcomes: Mapping[str, Outcome]) -> tuple[SeedsRow, ...]:
+    """One row for each kind of network, over its seeds."""
+    rows = []
+    for name in dict.fromkeys(training.name for training in networks):
+        runs = [training for training in networks if training.name == name]
+        rows.append(SeedsRow.of(runs, {split: [o.seeds[one] for one in runs] for split, o in outcomes.items()}))
+    return tuple(rows)
 
 
 def curves_of(problem: OptimalControlProblem, outcomes: Mapping[str, Outcome]) -> DistanceCurves | None:
@@ -83,13 +110,14 @@ def curves_of(problem: OptimalControlProblem, outcomes: Mapping[str, Outcome]) -
     return DistanceCurves.of(problem, np.concatenate(distances), episodes)
 
 
-def compare(problem: OptimalControlProblem, splits: Sequence[str], count: int | None) -> SplitComparison:
-    """The record of all methods on the first ``count`` instances, or all, of each of ``splits``."""
+def compare(
+    problem: OptimalControlProblem, networks: Mapping[Run, NetworkPlanner], splits: Sequence[str], count: int | None
+) -> SplitComparison:
+    """The record of all methods and ``networks`` on the first ``count`` instances, or all, of each of ``splits``."""
     began = time.perf_counter()
     methods = [*shipped(problem, cli.RECORDS), *stabiliser(problem)]
-    outcomes = {
-        split: compare_on(problem, methods, split, reference.load(problem, SPLITS[split])[:count]) for split in splits
-    }
+    cases = {split: reference.load(problem, SPLITS[split])[:count] for split in splits}
+    outcomes = {split: compare_on(problem, methods, networks, split, found) for split, found in cases.items()}
     names = ["optimal", *(method.name for method in methods)]
     return SplitComparison(
         env_id=problem.id,
@@ -98,6 +126,7 @@ def compare(problem: OptimalControlProblem, splits: Sequence[str], count: int | 
             SplitMethod(name=name, splits={split: outcome.rows[name] for split, outcome in outcomes.items()})
             for name in names
         ),
+        seeds=seed_rows(networks, outcomes) or ABSENT,
         curves=curves_of(problem, outcomes),
         seconds=time.perf_counter() - began,
         provenance=provenance(),
@@ -105,8 +134,14 @@ def compare(problem: OptimalControlProblem, splits: Sequence[str], count: int | 
 
 
 def main() -> None:
-    parser = cli.parser(__doc__, cases="instances of every split")
+    parser = cli.parser(__doc__, data=True, cases="instances of every split")
     parser.add_argument("--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="which; all by default")
+    parser.add_argument(
+        "--seeds",
+        metavar="N",
+        type=cli.positive,
+        help="compare networks of N seeds of scripts/compare_training.py, too",
+    )
     arguments = parser.parse()
     cli.threads()
     problem = arguments.problem
@@ -114,10 +149,11 @@ def main() -> None:
     chosen = [split for split in arguments.splits if split in there]
     if not chosen:
         parser.error(f"{problem.id} has no such split; there are {', '.join(there)}")
-    record = compare(problem, chosen, arguments.cases)
+    networks = {} if arguments.seeds is None else trainings.networks(problem, arguments.data, arguments.seeds)
+    record = compare(problem, networks, chosen, arguments.cases)
     cli.publish(arguments, f"compare_splits_{problem.id}", record)
     figure = splits_figure(arguments.results / f"splits_{problem.id}.png", problem, record)
-    cli.say(f"\n{text_table(record.rows, SPLIT_COLUMNS)}")
+    cli.say(f"\n{text_table(lines(record), SPLIT_COLUMNS)}")
     cli.say(f"{record.seconds:.0f} s; wrote {figure}")
 
 

@@ -20,7 +20,8 @@ from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, SummaryTable, 
 from moe_policy.experiments.records import Record, read
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
-from moe_policy.experiments.splits import SPLIT_COLUMNS, SplitComparison
+from moe_policy.experiments.split_table import SPLIT_COLUMNS, lines
+from moe_policy.experiments.splits import SplitComparison
 from moe_policy.experiments.tables import Column, markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -47,7 +48,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("table_training", None): table(TrainingTable, lambda record: record.rows, TRAINING_COLUMNS),
     ("compare", None): table(Comparison, lambda record: record.rows, COLUMNS),
     ("compare_training", None): table(TrainingComparison, lambda record: record.rows, TRAINING_COLUMNS),
-    ("compare_splits", None): table(SplitComparison, lambda record: record.rows, SPLIT_COLUMNS),
+    ("compare_splits", None): table(SplitComparison, lines, SPLIT_COLUMNS),
     ("discretisation", None): table(Discretisation, lambda record: record.rows, DISCRETISATION_COLUMNS),
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("budgets", None): table(Budgets, lambda record: record.rows, BUDGET_COLUMNS),

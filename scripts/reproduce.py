@@ -28,7 +28,8 @@ from moe_policy.experiments.comparison import Comparison
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.details import Figure
 from moe_policy.experiments.figures.sketch import mixture_figure
-from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable, overview_rows
+from moe_policy.experiments.learners import learner_trainings
+from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable, Sources, overview_rows
 from moe_policy.experiments.paper_tables import (
     TRAINING_COLUMNS,
     Source,
@@ -96,6 +97,13 @@ class Made:
             self._run("compare_rl_vs_moe.py", *(("--cases", str(COMPARED)) if self.quick else ()))
         return read(path, Comparison)
 
+    @property
+    def overview(self) -> Sources:
+        """What the overview is made from; in the quick form from the comparison alone."""
+        if self.quick:
+            return Sources(self.comparison)
+        return Sources(self.comparison, self.trained.rows, learner_trainings(self.results, self.problem))
+
     @cached_property
     def trained(self) -> TrainingComparison:
         """The record of the full form, for which everything is made that is missing."""
@@ -146,7 +154,7 @@ Table = Callable[[dict[str, Made], bool], tuple[Record, str]]
 
 def overview_table(made: dict[str, Made], quick: bool) -> tuple[Record, str]:
     """The overview as a record and as text."""
-    found = [overview_rows(made[problem.id].comparison, benchmark_of(problem).overview) for problem in BENCHMARK]
+    found = [overview_rows(made[problem.id].overview, benchmark_of(problem).overview) for problem in BENCHMARK]
     table = OverviewTable(quick=quick, rows=tuple(row for rows in found for row in rows), provenance=provenance())
     return table, markdown_table(table.rows, OVERVIEW_COLUMNS)
 

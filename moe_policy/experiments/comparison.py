@@ -6,19 +6,21 @@ goal ball; from then on the goal is regulated, too, where the problem allows it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.latency import time_planner
-from moe_policy.experiments.methods import Method
+from moe_policy.experiments.methods import Method, solve_all
 from moe_policy.experiments.metric_columns import METRICS
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
 from moe_policy.experiments.tables import Column, duration
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.prediction_error import validation_error
+from moe_policy.planners.stored import StoredPlans
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.metrics import Metrics, evaluate
@@ -159,6 +161,35 @@ def run(
         validation_error=ABSENT if network is None else _prediction(network, parameters, optimal),
     )
     return row, episodes
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The best known trajectories of B instances, tracked: what methods are compared with."""
+
+    trajectories: Trajectory
+    costs: Array  # of the trajectories, (B,); +inf where none is known
+    row: ComparisonRow  # named ``optimal``
+    episodes: Episodes  # of the tracked trajectories
+    #: the same at the cost of the reference: where a trajectory costs more than the reference, its episode costs less
+    #: in the same ratio
+    baseline: Episodes
+
+
+def track_optimum(
+    problem: OptimalControlProblem, parameters: Array, reference: Array, methods: Sequence[Method], keep: Path
+) -> Optimum:
+    """Solve the instances with ``parameters`` (B, np) and track their solutions.
+
+    ``reference`` (B,) are the best known costs. Guesses come from ``methods`` and solved batches are kept in the folder
+    ``keep``, as in :func:`~moe_policy.experiments.methods.solve_all`.
+    """
+    trajectories, costs = solve_all(problem, parameters, methods, keep)
+    method = Method("optimal", StoredPlans(parameters, trajectories))
+    row, episodes = run(problem, method, parameters, batches=())
+    baseline = replace(episodes, cost=episodes.cost * np.minimum(1.0, reference / costs))
+    row = replace(row, metrics=evaluate(problem, episodes, baseline), planning_seconds=ABSENT)
+    return Optimum(trajectories, costs, row, episodes, baseline)
 
 
 def _prediction(planner: NetworkPlanner, parameters: Array, optimal: Trajectory | None) -> float | None:

@@ -27,6 +27,7 @@ from moe_policy.experiments.records import read
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.networks import MixtureOfExperts
 from moe_policy.planners.solver import SolverPlanner, lookaround_of
 from moe_policy.planners.symmetric import Symmetrised
 from moe_policy.protocols import Planner, Policy
@@ -118,31 +119,45 @@ def stabiliser(problem: OptimalControlProblem) -> list[Method]:
     return [Method("stabiliser", Stabiliser(problem))] if problem.hold else []
 
 
-def optimal_planner(problem: OptimalControlProblem, nearest: NearestPlanner | None = None) -> SolverPlanner:
-    """The optimal planner of comparisons, with warm starts from ``nearest``, by default the shipped one if any."""
-    return SolverPlanner(problem, store.shipped_nearest(problem) if nearest is None else nearest)
+def optimal_planner(
+    problem: OptimalControlProblem, nearest: NearestPlanner | None = None, guessers: Sequence[Planner] = ()
+) -> SolverPlanner:
+    """The solver as a planner, warm-started from ``nearest``, by default the shipped one if any, and ``guessers``."""
+    return SolverPlanner(problem, store.shipped_nearest(problem) if nearest is None else nearest, guessers=guessers)
+
+
+def experts_of(methods: Sequence[Method]) -> tuple[Planner, ...]:
+    """Every expert of the first mixture among ``methods``: guesses of every solution family; none without a mixture."""
+    networks = [method.actor for method in methods if isinstance(method.actor, NetworkPlanner)]
+    return next((n.expert_planners() for n in networks if isinstance(n.network, MixtureOfExperts)), ())
 
 
 def solve_all(
-    problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None = None, keep: Path | None = None
+    problem: OptimalControlProblem,
+    p: Array,
+    methods: Sequence[Method] | None = None,
+    keep: Path | None = None,
 ) -> tuple[Trajectory, Array]:
-    """Optimal trajectories from ``p`` (B, np) and their costs (B,), with a solver process for every core.
+    """Best known trajectories from ``p`` (B, np) and their costs (B,), with a solver process for every core.
 
-    Solved batches are kept in the folder ``keep``, so that an interrupted run continues; a batch counts for its
-    problem, parameters and warm starts (``nearest``, as for :func:`optimal_planner`) alone.
+    Each is the best of the solutions from stored neighbours and from the plan of every expert, of the nearest neighbour
+    and the first mixture among ``methods``, by default the shipped ones. Solved batches are kept in the folder
+    ``keep``, so that an interrupted run continues; a batch counts for its problem, parameters and guesses alone.
     """
     local = threading.local()
-    nearest = store.shipped_nearest(problem) if nearest is None else nearest
+    methods = shipped(problem) if methods is None else methods
+    nearest = next((method.actor for method in methods if isinstance(method.actor, NearestPlanner)), None)
+    experts = experts_of(methods)
 
     def solve(begin: int) -> tuple[Trajectory, Array]:
         share = p[begin : begin + SHARE]
-        path = None if keep is None else keep / f"{_key(problem, share, nearest)}.npz"
+        path = None if keep is None else keep / f"{_key(problem, share, nearest, experts)}.npz"
         nothing = np.full((len(share), problem.flat_size), np.nan), np.full(len(share), np.inf)
         flat, costs = (None if path is None else _read(path, nothing[0].shape)) or nothing
         # An instance that is not solved may have exceeded the time limit on a busy machine.
         if (lost := ~np.isfinite(costs)).any():
             if not hasattr(local, "planner"):
-                local.planner = optimal_planner(problem, nearest)
+                local.planner = optimal_planner(problem, nearest, experts)
             found, costs[lost] = local.planner.best(share[lost])
             flat[lost] = found.flat()
             if path is not None:
@@ -156,10 +171,12 @@ def solve_all(
     return Trajectory.concatenate([plan for plan, _ in parts]), np.concatenate([cost for _, cost in parts])
 
 
-def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None) -> str:
+def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | None, guessers: Sequence[Planner]) -> str:
     """A hash of everything that a batch of optimal trajectories depends on."""
     sha = hashlib.sha256(f"{problem.fingerprint} {lookaround_of(problem)}".encode())
-    for array in (p, *(() if nearest is None else (nearest.parameters, nearest.trajectory.flat()))):
+    stored = () if nearest is None else (nearest.parameters, nearest.trajectory.flat())
+    # A guesser is known by its plan; one of the batch suffices to tell networks apart.
+    for array in (p, *stored, *(guesser(p[:1]).flat() for guesser in guessers)):
         sha.update(np.ascontiguousarray(array).tobytes())
     return sha.hexdigest()[:16]
 

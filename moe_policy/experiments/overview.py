@@ -1,4 +1,4 @@
-"""The overview: a few metrics of each problem, made from its comparison.
+"""The overview: a few metrics of each problem, made from its comparison and from trainings with several seeds.
 
 Of several learners, or several mixtures over k-means clusters, the one that the benchmark names is shown: to pick the
 best on the validation set would be a choice made on validation data.
@@ -6,16 +6,18 @@ best on the validation set would be a choice made on validation data.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 
 from moe_policy.experiments.benchmark.parts import Overview
 from moe_policy.experiments.comparison import Comparison
-from moe_policy.experiments.records import Record, inline
+from moe_policy.experiments.learners import LearnerTraining
+from moe_policy.experiments.metric_columns import COST
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline
+from moe_policy.experiments.seeds import Range, TrainingRow
 from moe_policy.experiments.tables import Column
-from moe_policy.rollouts.intervals import Proportion
-from moe_policy.rollouts.metrics import Metrics
+from moe_policy.rollouts.metrics import TOLERANCES, Metrics
 from ocp_envs.support.provenance import Provenance
 
 
@@ -65,34 +67,109 @@ OVERVIEW_COLUMNS: tuple[Column[OverviewRow], ...] = (
 )
 
 
-def overview_rows(comparison: Comparison, overview: Overview) -> list[OverviewRow]:
-    """The rows of one problem."""
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What the overview of one problem is made from."""
+
+    comparison: Comparison  # all methods, networks with one training seed
+    trained: Sequence[TrainingRow] = ()  # networks over several seeds, on the same instances
+    learners: Mapping[str, Sequence[LearnerTraining]] = field(default_factory=dict)  # learners over several seeds
+
+
+@dataclass(frozen=True)
+class _Measure:
+    """A row: what is shown of the metrics of one method, and of a network over its seeds."""
+
+    title: str
+    of: Callable[[Metrics], str | None]
+    over_seeds: Callable[[TrainingRow], Range | Absent] = lambda _: ABSENT
+    form: str = ".0f"
+
+
+def overview_rows(sources: Sources, overview: Overview) -> list[OverviewRow]:
+    """The rows of one problem.
+
+    The value of a network or a learner that was trained with several seeds is the median with its range. Where
+    networks were also trained with equal settings on fewer instances, these have rows of their own.
+    """
+    comparison, names = sources.comparison, columns(overview)
     rows = {row.name: row for row in comparison.rows}
-    shown = {title: rows[name] for title, name in columns(overview).items() if name in rows}
-    measures = _measures([row.metrics for row in shown.values()], comparison.cases)
-    texts = {measure: {title: of(row.metrics) for title, row in shown.items()} for measure, of in measures.items()}
+    shown = {title: rows[name].metrics for title, name in names.items() if name in rows}
+    measures = _measures(list(shown.values()), comparison.cases)
+    texts = {measure.title: {title: measure.of(found) for title, found in shown.items()} for measure in measures}
+    for measure in measures:
+        usual = {row.name: row for row in reversed(sources.trained)}
+        texts[measure.title] |= _over_seeds(measure, {title: usual.get(name or "") for title, name in names.items()})
+    texts[measures[-2].title] |= _learner(sources, overview)
     if named := next((cells for cells in texts.values() if cells.get(RL)), None):
-        named[RL] = f"{named[RL]} ({shown[RL].name})"
+        named[RL] = f"{named[RL]} ({overview.learner})"
     return [
         OverviewRow(env_id="" if i else comparison.env_id, measure=measure, cells=cells)
-        for i, (measure, cells) in enumerate(texts.items())
+        for i, (measure, cells) in enumerate({**texts, **_equal_training(sources, measures, names)}.items())
     ]
 
 
-def _measures(metrics: Sequence[Metrics], cases: int) -> dict[str, Callable[[Metrics], str | None]]:
-    """What is shown of ``metrics``, by its title; both successes where terminal regulation changes any of them."""
-    measures: dict[str, Callable[[Metrics], str | None]] = {}
-    if any(m.knot_violation_mean is not None for m in metrics):
-        measures["mean violation, m"] = lambda m: _three(m.knot_violation_mean)
-    measures[f"success of {cases:,}"] = lambda m: _count(m.success)
+def _over_seeds(measure: _Measure, rows: Mapping[str, TrainingRow | None]) -> dict[str, str]:
+    """The cells of networks with at least two seeds."""
+    spreads = {title: measure.over_seeds(row) for title, row in rows.items() if row and len(row.seeds) > 1}
+    return {title: _range(spread, measure.form) for title, spread in spreads.items() if spread is not ABSENT}
+
+
+def _equal_training(
+    sources: Sources, measures: Sequence[_Measure], names: Mapping[str, str | None]
+) -> dict[str, dict[str, str]]:
+    """The rows of networks that were trained with equal settings on fewer instances than the compared ones."""
+    fewer = {row.name.partition(", ")[0]: row for row in sources.trained if row.name.endswith(" problems")}
+    found = {title: fewer.get(name or "") for title, name in names.items()}
+    counts = {row.samples for row in fewer.values()}
+    texts = {measure.title: _over_seeds(measure, found) for measure in measures} if fewer else {}
+    label = ", ".join(f"{count:,}" for count in sorted(counts))
+    return {f"{title}; equal training on {label} instances": cells for title, cells in texts.items() if cells}
+
+
+def _learner(sources: Sources, overview: Overview) -> dict[str, str]:
+    """The cell of the learner's successes, where it was trained with several seeds."""
+    counts = [one.validation.success.count for one in sources.learners.get(overview.learner or "", ())]
+    spread = Range.of(counts) if len(counts) > 1 else ABSENT
+    return {} if spread is ABSENT else {RL: _range(spread, ".0f")}
+
+
+def _measures(metrics: Sequence[Metrics], cases: int) -> list[_Measure]:
+    """What is shown of ``metrics``; the last but one is success after terminal regulation, or at the plan's end where
+    there is none."""
+    measures = []
+    if any(m.success_clear is not None for m in metrics):
+        measures = [_clear(tolerance, cases) for tolerance in TOLERANCES]
+        measures.append(
+            _Measure("mean violation on the whole path, m", _violation, lambda r: r.violation_spread, ".3f")
+        )
+    success = f"success of {cases:,}"
     if any(m.success_at_plan_end not in (None, m.success) for m in metrics):
-        measures["… at the plan's end"] = lambda m: _count(m.success_at_plan_end)
-    return measures | {"cost / optimal": lambda m: _three(m.relative_cost)}
+        title = f"success at the plan's end, of {cases:,}"
+        measures.append(_Measure(title, _at_plan_end, lambda row: row.success_at_plan_end_spread))
+        success = "… after terminal regulation"
+    measures.append(_Measure(success, lambda m: str(m.success.count), lambda row: row.success_spread))
+    return [*measures, _Measure("cost / optimal", COST.column.cell)]
 
 
-def _count(value: Proportion | None) -> str | None:
-    return None if value is None else str(value.count)
+def _clear(tolerance: float, cases: int) -> _Measure:
+    key = f"{tolerance:g}"
+
+    def count(metrics: Metrics) -> str | None:
+        return None if metrics.success_clear is None else str(metrics.success_clear[key].count)
+
+    title = f"at the goal, within {100 * tolerance:g} cm of the constraint, of {cases:,}"
+    return _Measure(title, count, lambda row: row.clear(key))
 
 
-def _three(value: float | None) -> str | None:
-    return None if value is None else f"{value:.3f}"
+def _at_plan_end(metrics: Metrics) -> str | None:
+    return None if metrics.success_at_plan_end is None else str(metrics.success_at_plan_end.count)
+
+
+def _violation(metrics: Metrics) -> str | None:
+    return None if metrics.violation is None else f"{metrics.violation.mean.mean:.3f}"
+
+
+def _range(spread: Range, form: str) -> str:
+    middle, low, high = (format(value, form) for value in (spread.median, spread.minimum, spread.maximum))
+    return f"{middle} ({low}–{high})"

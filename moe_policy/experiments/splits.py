@@ -1,9 +1,10 @@
 """The comparison of methods on the splits of a problem.
 
 The splits are ``uniform`` (the validation set), ``boundary`` (near the discontinuity of the optimum), ``near`` (near
-the goal) and ``outside`` (outside the parameter box), see :mod:`ocp_envs.sets.splits`. Instances of ``uniform`` and ``boundary`` together make
-the curves over the distance from the discontinuity (:mod:`moe_policy.experiments.distances`): both sets are uniform
-where they overlap, so a bin of both is a bin of uniform instances at that distance.
+the goal) and ``outside`` (outside the parameter box), see :mod:`ocp_envs.sets.splits`. Instances of ``uniform`` and
+``boundary`` together make the curves over the distance from the discontinuity
+(:mod:`moe_policy.experiments.distances`): both sets are uniform where they overlap, so a bin of both is a bin of
+uniform instances at that distance.
 """
 
 from __future__ import annotations

@@ -172,3 +172,24 @@ def execute_all(
         for future in track(as_completed(futures), len(futures), unit="model", label=problem.id):
             models[futures[future]] = future.result()
     return models
+
+
+def networks(problem: OptimalControlProblem, data: Path, seeds: int) -> dict[Run, NetworkPlanner]:
+    """The compared networks of the benchmark that were trained with ``seeds`` seeds from the database in ``data``.
+
+    Raises:
+        FileNotFoundError: one was not trained; the message has the command that trains it.
+    """
+    folders, benchmark = Folders(data / problem.id, data / "compare_training" / problem.id), benchmark_of(problem)
+    training = ocp_envs.Database.open(folders.data / "training.zarr", problem)
+    total = len(training.solved(training.first(benchmark.training.instances)))
+    found = {}
+    for name in benchmark.planners.compared:
+        for seed in range(seeds):
+            run = Run(name, seed, total, benchmark.training.settings)
+            path = folders.model(run.key(training.key))
+            if not Path(f"{path}.json").exists():
+                command = f"scripts/compare_training.py --env {problem.id} --seeds {seeds} --models {name}"
+                raise FileNotFoundError(f"{problem.id} has no {name} of seed {seed} in {path.parent}; run {command}")
+            found[run] = load_file(path, problem, kind=NetworkPlanner)
+    return found

@@ -11,7 +11,6 @@ from moe_policy.rollouts.intervals import Mean, Proportion
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 
-
 #: Violations, in the unit of the path constraints, up to which an episode counts as clear of them.
 TOLERANCES = (0.01, 0.05)
 

@@ -21,17 +21,17 @@ _AT_KNOTS: Mapping[str, Values] = {
     "on the whole path": lambda row: row.violation,
 }
 _SUCCESS: Mapping[str, Values] = {
-    "after the hold": lambda row: row.success,
     "at the plan's end": lambda row: row.success_at_plan_end,
+    "after terminal regulation": lambda row: row.success,
 }
 
 
 def draw_success(axes: Axes, metrics: Mapping[str, Metrics]) -> None:
-    """Successes with their 95 % intervals; filled marks after terminal regulation, open ones at the plan's end."""
+    """Successes with their 95 % intervals; filled marks at the plan's end, open ones after terminal regulation."""
     styles = looks(metrics)
     for i, (name, found) in enumerate(metrics.items()):
         color = styles[name]["color"]
-        for value, shift, face in ((found.success, -0.12, color), (found.success_at_plan_end, 0.12, "white")):
+        for value, shift, face in ((found.success_at_plan_end, -0.12, color), (found.success, 0.12, "white")):
             if value is None:
                 continue
             low, high = value.interval
@@ -40,7 +40,7 @@ def draw_success(axes: Axes, metrics: Mapping[str, Metrics]) -> None:
     axes.set_yticks(range(len(metrics)), [*metrics])
     axes.set_ylim(len(metrics) - 0.5, -0.5)
     axes.set_xlabel("success, %, with 95 % interval")
-    axes.set_title("filled: after the hold, open: at the plan's end")
+    axes.set_title("filled: at the plan's end, open: after terminal regulation")
 
 
 def draw_errors(axes: Axes, errors: Mapping[str, Array], radius: float) -> None:
@@ -56,7 +56,7 @@ def draw_errors(axes: Axes, errors: Mapping[str, Array], radius: float) -> None:
     axes.set_ylim(0, 101)
     axes.set_xlabel("state error at the plan's end")
     axes.set_ylabel("episodes below, %")
-    axes.set_title("before any hold")
+    axes.set_title("before terminal regulation")
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
 
@@ -115,7 +115,7 @@ def _panel(axes: Axes, rows: Sequence[TrainingRow], wrong: Callable[[TrainingRow
 
 
 def margins_figure(path: str | Path, rows: Sequence[MarginRow]) -> Path:
-    """Mean violation at the knots against the cost, along margins: a curve for each planner, a star for the optimum."""
+    """Mean violation on the whole path against the cost along margins: a curve for a planner, a star for the optimum."""
     curves: dict[str, list[MarginRow]] = {}
     for row in rows:
         curves.setdefault(row.row.name, []).append(row)
@@ -127,14 +127,14 @@ def margins_figure(path: str | Path, rows: Sequence[MarginRow]) -> Path:
             optimum = curve[0].margin is None
             metrics = [row.row.metrics for row in curve]
             cost = [100 * ((m.relative_cost or np.nan) - 1) for m in metrics]
-            violation = [np.nan if m.knot_violation_mean is None else m.knot_violation_mean for m in metrics]
+            violation = [np.nan if m.violation is None else m.violation.mean.mean for m in metrics]
             form, color, size = ("*", "black", 9) if optimum else ("o-", next(colors), 4)
             axes.plot(cost, violation, form, color=color, label=name, markersize=size)
             for row, x, y in zip(curve, cost, violation):
                 if row.margin is not None:
                     text = f"{row.margin:g}"
                     axes.annotate(text, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7, color=color)
-        axes.set(xlabel="cost above the tracked optimum, %", ylabel="mean violation at the knots, m")
+        axes.set(xlabel="cost above the tracked optimum, %", ylabel="mean violation on the whole path, m")
         axes.set_ylim(bottom=0.0)
         axes.set_title("margins on the radius, m")
         axes.legend()
