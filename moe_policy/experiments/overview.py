@@ -103,9 +103,10 @@ def overview_rows(sources: Sources, overview: Overview) -> list[OverviewRow]:
     texts[measures[-2].title] |= _learner(sources, overview)
     if named := next((cells for cells in texts.values() if cells.get(RL)), None):
         named[RL] = f"{named[RL]} ({overview.learner})"
+    whole: dict[str, dict[str, str | None]] = {**texts, **_equal_training(sources, measures, names)}
     return [
         OverviewRow(env_id="" if i else comparison.env_id, measure=measure, cells=cells)
-        for i, (measure, cells) in enumerate({**texts, **_equal_training(sources, measures, names)}.items())
+        for i, (measure, cells) in enumerate(whole.items())
     ]
 
 
@@ -117,14 +118,14 @@ def _over_seeds(measure: _Measure, rows: Mapping[str, TrainingRow | None]) -> di
 
 def _equal_training(
     sources: Sources, measures: Sequence[_Measure], names: Mapping[str, str | None]
-) -> dict[str, dict[str, str]]:
+) -> dict[str, dict[str, str | None]]:
     """The rows of networks that were trained with equal settings on fewer instances than the compared ones."""
     fewer = {row.name.partition(", ")[0]: row for row in sources.trained if row.name.endswith(" problems")}
     found = {title: fewer.get(name or "") for title, name in names.items()}
     counts = {row.samples for row in fewer.values()}
-    texts = {measure.title: _over_seeds(measure, found) for measure in measures} if fewer else {}
     label = ", ".join(f"{count:,}" for count in sorted(counts))
-    return {f"{title}; equal training on {label} instances": cells for title, cells in texts.items() if cells}
+    texts = {measure.title: _over_seeds(measure, found) for measure in measures}
+    return {f"{title}; equal training on {label} instances": {**cells} for title, cells in texts.items() if cells}
 
 
 def _learner(sources: Sources, overview: Overview) -> dict[str, str]:

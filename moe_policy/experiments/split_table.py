@@ -1,4 +1,4 @@
-"""The table of a comparison on splits: on each split, a line for each method and for all training seeds of a network."""
+"""The table of a comparison on splits: on each split a line for each method, and for all seeds of a network."""
 
 from __future__ import annotations
 

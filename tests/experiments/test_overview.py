@@ -7,10 +7,12 @@ import pytest
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.benchmark.parts import Overview
 from moe_policy.experiments.comparison import Comparison, ComparisonRow, CostDifference
-from moe_policy.experiments.overview import OverviewTable, overview_rows
+from moe_policy.experiments.learners import learner_trainings
+from moe_policy.experiments.overview import OverviewTable, Sources, overview_rows
 from moe_policy.experiments.records import read
-from moe_policy.rollouts.intervals import Proportion
-from moe_policy.rollouts.metrics import CostRatio, Metrics
+from moe_policy.experiments.seeds import TrainingComparison
+from moe_policy.rollouts.intervals import Mean, Proportion
+from moe_policy.rollouts.metrics import CostRatio, Metrics, Violation
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.support.provenance import provenance
 
@@ -30,10 +32,9 @@ def row(name, count, at_end, ratio=1.0, violation=None):
         left_box=0,
         clipped=0,
         rejected=0,
-        violation_mean=violation,
-        violation_max=violation,
-        knot_violation_mean=violation,
-        knot_violation_max=violation,
+        success_clear=None if violation is None else {"0.01": Proportion(4, 10), "0.05": Proportion(6, 10)},
+        violation=None if violation is None else Violation(Mean(violation, 10, (0.0, 0.1)), 0.2, 0.3),
+        knot_violation=None,
     )
     return ComparisonRow(
         name=name, data=None, training_seconds=None, metrics=metrics, parameters_total=None, parameters_active=None
@@ -52,14 +53,14 @@ def comparison(*rows):
     )
 
 
+def sources(problem):
+    compared = read(RESULTS / f"compare_{problem.id}.json", Comparison)
+    trained = read(RESULTS / f"compare_training_{problem.id}.json", TrainingComparison)
+    return Sources(compared, trained.rows, learner_trainings(RESULTS, problem))
+
+
 def test_the_committed_overview_follows_from_the_committed_comparisons():
-    rows = [
-        row
-        for problem in BENCHMARK
-        for row in overview_rows(
-            read(RESULTS / f"compare_{problem.id}.json", Comparison), benchmark_of(problem).overview
-        )
-    ]
+    rows = [row for problem in BENCHMARK for row in overview_rows(sources(problem), benchmark_of(problem).overview)]
     assert rows == list(read(RESULTS / "table_overview.json", OverviewTable).rows)
 
 
@@ -72,18 +73,23 @@ def test_the_benchmark_chooses_among_alike_methods_however_they_did():
         row("ppo", 4, None),
         row("snn, radius + 0.1", 10, 10),
     )
-    table = overview_rows(compared, Overview(learner="sac", kmeans="moe-kmeans-4"))
-    assert [row.measure for row in table] == ["success of 10", "… at the plan's end", "cost / optimal"]
+    table = overview_rows(Sources(compared), Overview(learner="sac", kmeans="moe-kmeans-4"))
+    assert [row.measure for row in table] == [
+        "success at the plan's end, of 10",
+        "… after terminal regulation",
+        "cost / optimal",
+    ]
     assert [row.env_id for row in table] == ["X-v0", "", ""]
-    assert [row.cells["MoE, k-means"] for row in table] == ["7", "6", "1.250"]
-    assert [row.cells["RL"] for row in table] == ["3 (sac)", None, "1.000"]
+    assert [row.cells["MoE, k-means"] for row in table] == ["6", "7", "1.250"]
+    assert [row.cells["RL"] for row in table] == [None, "3 (sac)", "1.000"]
     assert "SNN" not in table[0].cells
-    assert "RL" not in overview_rows(compared, Overview())[0].cells
+    assert "RL" not in overview_rows(Sources(compared), Overview())[1].cells
 
 
 @pytest.mark.parametrize("violation", [None, 0.0625])
 def test_the_overview_shows_what_a_problem_has(violation):
     compared = comparison(row("optimal", 10, 10, violation=violation), row("snn", 8, 8, violation=violation))
-    measures = [row.measure for row in overview_rows(compared, Overview())]
+    measures = [row.measure for row in overview_rows(Sources(compared), Overview())]
     expected = ["success of 10", "cost / optimal"]  # before and after terminal regulation are the same
-    assert measures == expected if violation is None else ["mean violation, m", *expected]
+    clear = [f"at the goal, within {d} cm of the constraint, of 10" for d in (1, 5)]
+    assert measures == (expected if violation is None else [*clear, "mean violation on the whole path, m", *expected])
