@@ -44,7 +44,7 @@ def counted(monkeypatch):
             calls.append(len(p))
             return moe_policy.load(PENDULUM.id, "nearest")(p), p[:, 0] + 1
 
-    monkeypatch.setattr(methods, "optimal_planner", lambda problem, nearest: Solver())
+    monkeypatch.setattr(methods, "optimal_planner", lambda problem, nearest, guessers: Solver())
     return calls
 
 

@@ -3,16 +3,18 @@
 import numpy as np
 
 from moe_policy.experiments.comparison import ComparisonRow
+from moe_policy.experiments.split_table import SPLIT_COLUMNS, Line
 from moe_policy.experiments.splits import (
-    SPLIT_COLUMNS,
     CostDifferenceRange,
+    SeedsRow,
     Separation,
-    SplitMethod,
     SplitRow,
     separations,
 )
 from moe_policy.experiments.tables import markdown_table
-from moe_policy.rollouts.intervals import Proportion
+from moe_policy.experiments.trainings import Run
+from moe_policy.learning.settings import TrainingSettings
+from moe_policy.rollouts.intervals import Proportion, Spread
 from moe_policy.rollouts.metrics import evaluate
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
@@ -55,15 +57,27 @@ def test_separations_of_means_are_those_of_their_intervals():
         for name, mean in (("snn", 0.5), ("moe-custom", 0.1))
     }
     rows = {name: a_row(QUADCOPTER_OBSTACLE, name, run) for name, run in runs.items()}
-    assert [entry.disjoint for entry in separations(QUADCOPTER_OBSTACLE, rows)] == [False, True]
+    found = {entry.metric: entry.disjoint for entry in separations(QUADCOPTER_OBSTACLE, rows)}
+    assert found == {"success_clear_0.01": False, "success_clear_0.05": False, "violation_mean": True}
 
 
-def test_the_table_has_a_column_for_each_split_and_metric_that_is_there():
-    row = a_row(PENDULUM, "sac", episodes(4, success=[True, True, True, False]))
-    text = markdown_table([SplitMethod(name="sac", splits={"uniform": row, "outside": row})], SPLIT_COLUMNS)
-    head, _, line = text.splitlines()
-    assert head == "| policy | uniform: success | outside: success |"
-    assert line.count("3 (30.1–95.4 %) of 4") == 2
+def test_the_table_has_a_column_for_each_metric_that_is_there():
+    metrics = evaluate(PENDULUM, episodes(4, success=[True, True, True, False]))
+    spreads = {"success": Spread.of([478, 400, 461])}
+    rows = [Line("uniform", "sac", metrics), Line("", "snn, 3 seeds", spreads=spreads)]
+    head, _, *lines = markdown_table(rows, SPLIT_COLUMNS).splitlines()
+    assert head == "| split | policy | … after terminal regulation |"
+    assert lines == ["| uniform | sac | 3 (30.1–95.4 %) |", "|  | snn, 3 seeds | 461 (400–478) |"]
+
+
+def test_seeds_of_a_network_have_a_spread_of_every_metric_that_all_have():
+    settings = TrainingSettings(epochs=7)
+    runs = [Run("snn", seed, 40, settings) for seed in (0, 1)]
+    found = [evaluate(PENDULUM, episodes(4, success=np.arange(4) < count)) for count in (1, 3)]
+    row = SeedsRow.of(runs, {"uniform": found})
+    assert (row.samples, row.epochs, row.seeds, row.label) == (40, 7, (0, 1), "snn, 2 seeds, 40 instances")
+    assert set(row.splits["uniform"]) == {"success"}
+    assert row.splits["uniform"]["success"].values == (1, 3)
 
 
 def test_cost_differences_range_from_0_at_most_to_0_at_least():

@@ -45,7 +45,7 @@ def test_metrics_of_a_planning_policy():
     assert metrics.plan_end_error_median == 0.04
     np.testing.assert_allclose(metrics.plan_end_error_95, 0.3 + 0.8 * 4.7)
     assert (metrics.left_box, metrics.clipped, metrics.rejected) == (1, 1, 1)
-    assert metrics.violation_mean is None
+    assert (metrics.violation, metrics.knot_violation, metrics.success_clear) == (None, None, None)
     assert metrics.cost_ratio is None
 
 
@@ -58,8 +58,16 @@ def test_metrics_of_a_policy_without_a_plan_are_absent():
 def test_violations_are_reported_where_there_are_constraints():
     run = episodes(violation=[0.0, 0.1, 0.3, 0.0], knot_violation=[0.0, 0.1, np.nan, 0.2], plan_end_error=[0.0] * 4)
     metrics = evaluate(WALLED_INTEGRATOR, run)
-    np.testing.assert_allclose([metrics.violation_mean, metrics.violation_max], [0.1, 0.3])
-    np.testing.assert_allclose([metrics.knot_violation_mean, metrics.knot_violation_max], [0.1, 0.2])
+    assert (metrics.violation.mean.mean, metrics.violation.maximum) == pytest.approx((0.1, 0.3))
+    assert metrics.violation.quantile_99 == pytest.approx(0.294)
+    assert (metrics.knot_violation.mean.mean, metrics.knot_violation.maximum) == pytest.approx((0.1, 0.2))
+
+
+def test_a_success_is_clear_within_a_tolerance_of_the_constraint_on_the_whole_path():
+    run = episodes(violation=[0.0, 0.01, 0.03, 0.0], success=[True, True, True, False])
+    assert run.clear().tolist() == [True, False, False, True]
+    assert run.clear(0.01).tolist() == [True, True, False, True]
+    assert evaluate(WALLED_INTEGRATOR, run).success_clear == {"0.01": Proportion(2, 4), "0.05": Proportion(3, 4)}
 
 
 def test_costs_are_compared_where_both_reach():

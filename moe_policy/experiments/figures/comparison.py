@@ -115,7 +115,7 @@ def _panel(axes: Axes, rows: Sequence[TrainingRow], wrong: Callable[[TrainingRow
 
 
 def margins_figure(path: str | Path, rows: Sequence[MarginRow]) -> Path:
-    """Mean violation on the whole path against the cost: a curve over margins for each planner, a star for the optimum."""
+    """Mean violation on the whole path against cost: a curve over margins for each planner, a star for the optimum."""
     curves: dict[str, list[MarginRow]] = {}
     for row in rows:
         curves.setdefault(row.row.name, []).append(row)
