@@ -108,6 +108,11 @@ def parse_arguments() -> argparse.Namespace:
         nargs="+",
         help="train these alone; with --ship the results are of the kept models",
     )
+    parser.add_argument(
+        "--over-seeds",
+        action="store_true",
+        help="only train the networks that scripts/compare_splits.py --seeds compares",
+    )
     return parser.parse()
 
 
@@ -120,6 +125,10 @@ def main() -> None:
     benchmark = benchmark_of(problem)
     total = len(training.solved(training.first(benchmark.training.instances)))
     largest = list(trainings.planned_on_all(training, total))
+    equal = trainings.over_seeds(problem, arguments.seeds, total)
+    if arguments.over_seeds:
+        trainings.train_all(problem, {run: run.key(training.key) for run in equal}, folders, arguments.workers)
+        return
     runs = {run: run.key(training.key) for run in (*largest, *trainings.planned(problem, arguments.seeds, total))}
     models = trainings.execute_all(problem, runs, folders, arguments.workers, arguments.names)
     if arguments.names is not None and not arguments.ship:

@@ -141,7 +141,7 @@ class TrainingRow(Record):
     reached: tuple[int, ...] | Absent = ABSENT
     violation: tuple[float | None, ...] | Absent = ABSENT
     knot_violation: tuple[float | None, ...] | Absent = ABSENT
-    success_clear: tuple[dict[str, int] | Absent | None, ...] | Absent = ABSENT
+    success_clear: tuple[dict[str, int] | None, ...] | Absent = ABSENT
     test_error: tuple[float, ...]
     validation_error: tuple[float, ...]
     training_seconds: tuple[float, ...]
@@ -162,7 +162,7 @@ class TrainingRow(Record):
     def of(cls, name: str, models: Sequence[Model], published: Published | None = None) -> TrainingRow:
         """The row of ``models``, one for each seed, all from equally many samples, with the ``published`` values."""
         trainings = [model.training for model in models]
-        lists: dict[str, Any] = {name: tuple(getattr(model, name) for model in models) for name in _OF_MODEL}
+        lists: dict[str, Any] = {name: tuple(present(getattr(model, name)) for model in models) for name in _OF_MODEL}
         lists |= {name: tuple(present(getattr(training, name)) for training in trainings) for name in _OF_TRAINING}
         spread = [name for name in lists if f"{name}_spread" in cls.__dataclass_fields__]
         spreads: dict[str, Any] = {f"{name}_spread": Range.of(lists[name]) for name in spread}
@@ -171,8 +171,7 @@ class TrainingRow(Record):
 
     def clear(self, tolerance: str) -> Range | Absent:
         """The range of the successes within ``tolerance`` of the path constraints, where all seeds have it."""
-        found = [present(counts) for counts in present(self.success_clear) or ()]
-        known = [counts[tolerance] for counts in found if counts is not None]
+        known = [counts[tolerance] for counts in present(self.success_clear) or () if counts is not None]
         return Range.of(known) if len(known) == len(self.seeds) else ABSENT
 
     def with_paper(self, published: Published | None) -> TrainingRow:

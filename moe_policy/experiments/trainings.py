@@ -95,6 +95,15 @@ def sizes_of(benchmark: Benchmark, total: int) -> list[tuple[int, TrainingSettin
     return [*smaller, (total, settings)]
 
 
+def over_seeds(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run]:
+    """The runs of the compared networks with ``seeds`` seeds and equal settings, all on equally many instances."""
+    benchmark = benchmark_of(problem)
+    samples, epochs = benchmark.training.over_seeds or (total, benchmark.training.settings.epochs)
+    settings = dataclasses.replace(benchmark.training.settings, epochs=epochs)
+    for name in benchmark.planners.compared:
+        yield from (Run(name, seed, min(samples, total), settings) for seed in range(seeds))
+
+
 def planned(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run]:
     """All runs on the ``total`` instances of the training set, those of the first seed first."""
     benchmark = benchmark_of(problem)
@@ -134,17 +143,33 @@ def train(problem: OptimalControlProblem, run: Run, folders: Folders, checkpoint
     return fit_single(samples, settings=run.settings, seed=run.seed, sizes=sizes, checkpoints=checkpoints)
 
 
-def execute(env_id: str, run: Run, key: str, folders: Folders) -> Model:
-    """Train unless the model exists, evaluate it on the validation set and keep its record under ``key``."""
+def trained(env_id: str, run: Run, key: str, folders: Folders) -> NetworkPlanner:
+    """The network of ``run``, trained and kept under ``key`` unless it exists."""
     torch.set_num_threads(1)
     problem, path = ocp_envs.load(env_id), folders.model(key)
     if Path(f"{path}.json").exists():
-        planner = load_file(path, problem, kind=NetworkPlanner)
-    else:
-        unfinished = folders.work / "unfinished" / key
-        planner = train(problem, run, folders, unfinished)
-        planner.save(path)
-        shutil.rmtree(unfinished)
+        return load_file(path, problem, kind=NetworkPlanner)
+    unfinished = folders.work / "unfinished" / key
+    planner = train(problem, run, folders, unfinished)
+    planner.save(path)
+    shutil.rmtree(unfinished)
+    return planner
+
+
+def train_all(
+    problem: OptimalControlProblem, runs: Mapping[Run, str], folders: Folders, workers: int | None = None
+) -> None:
+    """Train the networks of all ``runs`` (with the key of their files) that are not kept."""
+    missing = {run: key for run, key in runs.items() if not Path(f"{folders.model(key)}.json").exists()}
+    with WorkerPool(workers) as pool:
+        futures = [pool.submit(trained, problem.id, run, key, folders) for run, key in missing.items()]
+        for future in track(as_completed(futures), len(futures), unit="model", label=problem.id):
+            future.result()
+
+
+def execute(env_id: str, run: Run, key: str, folders: Folders) -> Model:
+    """Train unless the model exists, evaluate it on the validation set and keep its record under ``key``."""
+    problem, planner = ocp_envs.load(env_id), trained(env_id, run, key, folders)
     model = Model.of(planner, folders.samples(problem, "validation"))
     write(folders.record(problem, key), model)
     return model
@@ -183,13 +208,11 @@ def networks(problem: OptimalControlProblem, data: Path, seeds: int) -> dict[Run
     folders, benchmark = Folders(data / problem.id, data / "compare_training" / problem.id), benchmark_of(problem)
     training = ocp_envs.Database.open(folders.data / "training.zarr", problem)
     total = len(training.solved(training.first(benchmark.training.instances)))
-    found = {}
-    for name in benchmark.planners.compared:
-        for seed in range(seeds):
-            run = Run(name, seed, total, benchmark.training.settings)
-            path = folders.model(run.key(training.key))
-            if not Path(f"{path}.json").exists():
-                command = f"scripts/compare_training.py --env {problem.id} --seeds {seeds} --models {name}"
-                raise FileNotFoundError(f"{problem.id} has no {name} of seed {seed} in {path.parent}; run {command}")
-            found[run] = load_file(path, problem, kind=NetworkPlanner)
-    return found
+    found = {run: folders.model(run.key(training.key)) for run in over_seeds(problem, seeds, total)}
+    for run, path in found.items():
+        if not Path(f"{path}.json").exists():
+            command = f"scripts/compare_training.py --env {problem.id} --seeds {seeds} --over-seeds"
+            raise FileNotFoundError(
+                f"{problem.id} has no {run.name} of seed {run.seed} in {path.parent}; run {command}"
+            )
+    return {run: load_file(path, problem, kind=NetworkPlanner) for run, path in found.items()}

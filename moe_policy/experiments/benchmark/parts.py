@@ -46,6 +46,9 @@ class Training:
     paper: tuple[str, ...] = ()  # planners that are also trained with the paper's settings
     #: the paper's test error of single networks by their hidden layers, for the ablation
     depths: Mapping[Hidden, float] = field(default_factory=dict)
+    #: training instances and epochs with which the compared networks are trained over several seeds for the comparison
+    #: on splits; ``None`` for the training set and ``settings``
+    over_seeds: tuple[int, int] | None = None
     fewer_seeds: int = 3  # maximum number of training seeds of ``sizes`` and ``depths``
 
 
