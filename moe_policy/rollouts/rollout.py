@@ -92,11 +92,11 @@ def _run(envs: Environments, policy: Policy, p: Array, steps: int, record: bool,
         observation, _, _, _, _ = envs.step(action)
         _check_steps(base, step, running)
         # The simulator's own results: a wrapper may change rewards, actions, observations and the ends of episodes.
-        begins, before, x, outcome = np.zeros(len(p), bool), x, base.state, base.outcome
-        ledger.add(step, before, x, outcome.cost, outcome.left_box)
+        begins, before, x = np.zeros(len(p), bool), x, base.state
+        ledger.add(step, before, x, base.costs, base.left_box)
         if record:
             states.append(np.where(running[:, None], x, np.nan))
-            controls.append(np.where(running[:, None], outcome.controls, np.nan))
+            controls.append(np.where(running[:, None], base.controls, np.nan))
     episodes = ledger.episodes(p)
     if record:
         applied = np.stack(controls, axis=1) if controls else np.empty((len(p), 0, base.problem.system.nu))

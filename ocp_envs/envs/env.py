@@ -8,6 +8,7 @@ of a vector environment that was reset with ``seed=s`` equals the single environ
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
+from ocp_envs.envs.actions import controls_of
 from ocp_envs.envs.options import RENDER_MODES, EnvOptions, problem_of, refuse_unknown
 from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.pictures import Pictures
@@ -39,7 +41,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
 
     ## Action Space
 
-    ``Box(nu,)`` float32: the control in its physical units, clipped to its bounds.
+    ``Box(nu,)`` float32: the control in its physical units, clipped to its bounds. An action with a NaN is an error.
 
     ## Observation Space
 
@@ -61,10 +63,12 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
     ## Episode End
 
     Terminated: the state is in the goal ball at the end of a control step (unless ``terminate_at_goal=False``), or it
-    left the operating box (``info["failure"] == "left_box"``). Truncated: ``time_limit`` seconds have passed.
+    left the operating box (``info["left_box"]``). Truncated: ``time_limit`` seconds have passed, or
+    ``max_episode_steps`` control steps.
 
-    ``info`` of a step: ``is_success`` (in the goal ball), ``cost`` (of the control step) and, where there is a path
-    constraint, ``violation`` (how far it is violated at the end of the step). ``info`` of a reset: ``parameters``.
+    ``info`` of a reset and of every step: ``parameters`` (np,), ``is_success`` (in the goal ball), ``cost`` (of the
+    control step), ``left_box`` (the step left the operating box) and, where there is a path constraint, ``violation``
+    (how far it is violated at the end of the step).
 
     ## Arguments
 
@@ -73,6 +77,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         dt: length of a control step, s.
         terminate_at_goal: whether the episode ends in the goal ball.
         time_limit: seconds until truncation; the problem's own by default.
+        max_episode_steps: control steps until truncation, where ``time_limit`` does not truncate earlier.
         constants: other values of physical constants, for a plant that differs from the model.
         disturbance: standard deviation of a normal term added to ẋ, drawn for each control step; a number or (nx,).
         observation_noise: standard deviation of the normal noise on the observed state; a number or (nx,).
@@ -95,6 +100,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         dt: float = 0.02,
         terminate_at_goal: bool = True,
         time_limit: float | None = None,
+        max_episode_steps: int | None = None,
         constants: Mapping[str, float] | None = None,
         disturbance: ArrayLike = 0.0,
         observation_noise: ArrayLike = 0.0,
@@ -105,7 +111,16 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         refuse_unknown(Env, unknown)
         problem = problem_of(problem)
         self.options = options = EnvOptions(
-            problem, dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode
+            problem,
+            dt,
+            terminate_at_goal,
+            time_limit,
+            max_episode_steps,
+            constants,
+            disturbance,
+            observation_noise,
+            delay,
+            render_mode,
         )
         self.metadata = options.metadata
         self.render_mode = options.render_mode
@@ -146,7 +161,12 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         self._over = False
         self._pictures.begin(_ROW)
         self._pictures.update()
-        return self._observation(), {"parameters": self.parameters}
+        info: Info = {"parameters": self.parameters, "is_success": bool(self._plant.inside_goal(_ROW)[0]), "cost": 0.0}
+        info["left_box"] = False
+        violation = self._plant.violation(_ROW)
+        if violation is not None:
+            info["violation"] = float(violation[0])
+        return self._observation(), info
 
     def step(self, action: ArrayLike) -> tuple[NDArray[np.float32], float, bool, bool, Info]:
         """Advance the episode by one control step under ``action``, the control (nu,), clipped to its bounds.
@@ -155,7 +175,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
 
         Raises:
             ResetNeeded: the episode is over or has not begun.
-            ValueError: an action of another shape.
+            ValueError: an action of another shape, one that is no number, or NaN.
         """
         if self._over:
             raise ResetNeeded(
@@ -163,16 +183,16 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
                 "with terminate_at_goal=False"
             )
         options, step = self.options, self._plant.step
-        control = np.asarray(action, dtype=np.float64)
-        if control.shape != step.control.shape[1:]:
-            raise ValueError(f"{self.problem.id}: expected an action {step.control.shape[1:]}, got {control.shape}")
+        control = controls_of(self.problem, action, step.control.shape[1:])[None]
+        if math.isnan(control.min()):
+            raise ValueError(
+                f"{self.problem.id}: expected a finite action, got {control[0]}; look for a NaN in what computed it"
+            )
         self._plant.advance(control, _ROW, self._normal)
         cost, reached, left_box = step.cost.item(), step.reached.item() > 0, step.left_box.item() > 0
-        info: Info = {"is_success": reached}
         if left_box:
             cost = float(options.charge(self._steps))
-            info["failure"] = "left_box"
-        info["cost"] = cost
+        info: Info = {"parameters": self.parameters, "is_success": reached, "cost": cost, "left_box": left_box}
         if options.problem.n_clearances:
             info["violation"] = step.violation.item()
         self._steps += 1

@@ -31,6 +31,7 @@ class EnvArguments(TypedDict, total=False):
 
     terminate_at_goal: bool
     time_limit: float | None
+    max_episode_steps: int | None
     constants: Mapping[str, float] | None
     disturbance: ArrayLike
     observation_noise: ArrayLike
@@ -59,9 +60,12 @@ def refuse_unknown(environment: type, unknown: Mapping[str, object]) -> None:
 
 @dataclass(frozen=True, eq=False)
 class EnvOptions:
-    """The options of an environment: ``problem``, ``dt``, ``terminate_at_goal``, ``time_limit``, ``constants``,
-    ``disturbance``, ``observation_noise``, ``delay`` and ``render_mode``, as :class:`~ocp_envs.envs.env.Env` documents
-    them. Kept are a number for ``time_limit``, a mapping for ``constants`` and (nx,) for both standard deviations.
+    """The options of an environment, as :class:`~ocp_envs.envs.env.Env` documents them.
+
+    Args:
+        problem, dt, terminate_at_goal, time_limit, max_episode_steps, constants, disturbance, observation_noise, delay,
+            render_mode: see there. Kept are a number for ``time_limit``, a mapping for ``constants`` and (nx,) for both
+            standard deviations.
 
     Raises:
         ValueError: an option out of its range; the message names it.
@@ -71,6 +75,7 @@ class EnvOptions:
     dt: float = 0.02
     terminate_at_goal: bool = True
     time_limit: float | None = None
+    max_episode_steps: int | None = None
     constants: Mapping[str, float] | None = None
     disturbance: ArrayLike = 0.0
     observation_noise: ArrayLike = 0.0
@@ -84,6 +89,11 @@ class EnvOptions:
         if not (math.isfinite(limit) and limit > 0):
             raise ValueError(f"{problem.id}: time_limit must be a positive number of seconds, got {self.time_limit}")
         object.__setattr__(self, "time_limit", limit)
+        steps = self.max_episode_steps
+        if steps is not None and not (isinstance(steps, (int, np.integer)) and steps > 0):
+            raise ValueError(
+                f"{problem.id}: max_episode_steps must be a positive number of control steps or None, got {steps!r}"
+            )
         for name in ("disturbance", "observation_noise"):
             object.__setattr__(self, name, self._deviations(name))
         if self.delay != int(self.delay) or self.delay < 0:
@@ -124,10 +134,15 @@ class EnvOptions:
         return {"render_modes": modes, "render_fps": max(1, round(1 / self.dt))}
 
     @cached_property
-    def max_steps(self) -> int:
-        """Control steps after which an episode is truncated."""
+    def steps_to_limit(self) -> int:
+        """Control steps to the time limit."""
         assert self.time_limit is not None
         return int(count_steps(self.time_limit, self.dt))
+
+    @cached_property
+    def max_steps(self) -> int:
+        """Control steps after which an episode is truncated."""
+        return min(self.steps_to_limit, self.max_episode_steps or self.steps_to_limit)
 
     @cached_property
     def disturbed(self) -> bool:
@@ -155,8 +170,8 @@ class EnvOptions:
         return gym.spaces.Box(box.lower.astype(np.float32), box.upper.astype(np.float32), dtype=np.float32)
 
     def charge(self, steps: int | Ints) -> float | NDArray[np.floating]:
-        """Cost charged for leaving the box after ``steps`` control steps: the largest that the time left allows."""
-        return largest_cost_rate(self.problem) * self.dt * (self.max_steps - steps)
+        """Cost charged for leaving the box after ``steps`` control steps: the largest in the time to its limit."""
+        return largest_cost_rate(self.problem) * self.dt * (self.steps_to_limit - steps)
 
     def draw_parameters(self, generators: Sequence[np.random.Generator]) -> Array:
         """Parameters (B, np) from the distribution of the problem, one from each of B ``generators``."""

@@ -9,42 +9,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.rows import Batch
 
 #: Gymnasium's type of ``info`` and of the options of a reset.
 Info = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Outcome:
-    """Results (n,) of one control step of n rows, zero for rows that did not move.
+class Outcome(Batch):
+    """Results (n,) of one control step of n rows, zero for rows that did not move, or of the beginning of episodes.
 
-    ``reached``: the state is in the goal ball. ``cost``: of the step, with the charge for leaving the operating box.
-    ``violation``: of the path constraints at its end, ``None`` without constraints. ``left_box``: the state left it.
-    ``controls`` (n, nu) are those that the environment was given, before they are clipped and delayed.
+    ``parameters``: p of the episodes, (n, np). ``reached``: the state is in the goal ball. ``cost``: of the step, with
+    the charge for leaving the operating box. ``left_box``: the state left it. ``violation``: of the path constraints at
+    the end of the step, ``None`` without constraints. ``invalid``: the action was NaN.
     """
 
-    controls: Array
+    parameters: Array
     reached: Bools
     cost: Array
-    violation: Array | None
     left_box: Bools
+    violation: Array | None
+    invalid: Bools
+
+    @classmethod
+    def none(cls, size: int, parameters: int, constrained: bool) -> Outcome:
+        """That of ``size`` rows with ``parameters`` components of p that did not move; ``constrained`` by a path."""
+        flags, numbers = np.zeros(size, dtype=np.bool_), np.zeros(size)
+        return cls(np.zeros((size, parameters)), flags, numbers, flags, numbers if constrained else None, flags)
 
     def info(self, rows: Bools) -> Info:
         """``info`` of the ``rows`` (n,) in Gymnasium's vector convention: arrays, and masks under ``_key``."""
         if not rows.any():
             return {}
-        values: dict[str, Array | Bools] = {"is_success": self.reached, "cost": self.cost}
+        values: dict[str, Array | Bools] = {"parameters": self.parameters, "is_success": self.reached}
+        values |= {"cost": self.cost, "left_box": self.left_box}
         if self.violation is not None:
             values["violation"] = self.violation
         info: Info = {}
         for key, value in values.items():
-            info[key] = np.where(rows, value, np.zeros((), dtype=value.dtype))
+            shown = rows if value.ndim == 1 else rows[:, None]
+            info[key] = np.where(shown, value, np.zeros((), dtype=value.dtype))
             info[f"_{key}"] = rows.copy()
-        failed = self.left_box & rows
-        if failed.any():
-            info["failure"] = np.full(len(rows), None, dtype=object)
-            info["failure"][failed] = "left_box"
-            info["_failure"] = failed
+        if (invalid := self.invalid & rows).any():
+            info["invalid_action"], info["_invalid_action"] = invalid, invalid.copy()
         return info
 
     def final_info(self, ended: Bools, observed: NDArray[np.float32]) -> Info:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 
 from ocp_envs.envs.options import EnvOptions
+from ocp_envs.envs.specification import completed
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.batch import BatchFunction
 
 #: Index of all rows: basic indexing is faster than that by an array of integers.
 ALL = slice(None)
@@ -45,10 +49,27 @@ class Plant:
         for controls in self._late:
             controls[index] = self.options.problem.goal.control
 
+    def inside_goal(self, rows: Ints) -> Bools:
+        """Whether the states of ``rows`` are in the goal ball, (len(rows),)."""
+        problem = self.options.problem
+        return np.asarray(problem.goal_error(self.step.state[rows]) < problem.goal.radius)
+
+    def violation(self, rows: Ints) -> Array | None:
+        """Violation of the path constraints in the states of ``rows``, (len(rows),); ``None`` without constraints."""
+        if self._clearances is None:
+            return None
+        (clearances,) = self._clearances(self.step.state[rows], self.step.context[rows])
+        return np.asarray(np.maximum(0.0, -clearances.min(axis=1)))
+
+    @cached_property
+    def _clearances(self) -> BatchFunction | None:
+        problem = self.options.problem
+        return problem.batch_clearances() if problem.n_clearances else None
+
     def advance(self, controls: Array, rows: Ints, normal: Normal) -> None:
         """Advance the episodes ``rows`` by one control step; the others keep their state. The results are in ``step``.
 
-        ``controls`` are those of all episodes, (rows, nu), or (nu,) of a single one; with a delay they act later.
+        ``controls`` are those of all episodes, (rows, nu); with a delay they act later.
         ``normal`` draws the disturbance.
         """
         step, options = self.step, self.options
@@ -80,6 +101,16 @@ class Episodes:
     options: EnvOptions
     _plant: Plant
     _shown: int | slice = ALL
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Gymnasium's specification, with the control steps to the time limit as ``max_episode_steps``."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = completed(spec, self.options)
 
     @property
     def problem(self) -> OptimalControlProblem:

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from ocp_envs.envs.actions import controls_of, nan_rows
 from ocp_envs.envs.generators import Generators
 from ocp_envs.envs.options import RENDER_MODES, EnvOptions, problem_of, refuse_unknown
 from ocp_envs.envs.outcome import Info, Outcome
@@ -29,7 +30,8 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
     Spaces, reward, initial states and ends of episodes are those of :class:`~ocp_envs.envs.env.Env`. ``info`` follows
     Gymnasium's vector convention: arrays of length ``num_envs`` and a mask ``_key`` of the rows that have the key.
     ``options["parameters"]`` is (np,) for all rows or (num_envs, np); ``options["reset_mask"]``, (num_envs,) bool,
-    selects the rows that are reset.
+    selects the rows that are reset. A row whose action is NaN is under the control that holds the goal for this control
+    step, and ``info["invalid_action"]`` marks it; the other rows go on.
 
     Args:
         problem: the problem or its name; given by ``gym.make_vec``.
@@ -37,8 +39,8 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         autoreset_mode: what follows the end of an episode. ``NEXT_STEP``: the next step resets it, ignoring its
             action, with reward 0. ``SAME_STEP``: it is reset at once; ``info`` has ``final_obs`` and ``final_info``.
             ``DISABLED``: the row stands still, with reward 0 and its end still flagged, until it is reset.
-        dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode: as in
-            :class:`~ocp_envs.envs.env.Env`; so are the errors.
+        dt, terminate_at_goal, time_limit, max_episode_steps, constants, disturbance, observation_noise, delay,
+            render_mode: as in :class:`~ocp_envs.envs.env.Env`; so are the errors.
     """
 
     metadata: ClassVar[Info] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
@@ -52,6 +54,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         dt: float = 0.02,
         terminate_at_goal: bool = True,
         time_limit: float | None = None,
+        max_episode_steps: int | None = None,
         constants: Mapping[str, float] | None = None,
         disturbance: ArrayLike = 0.0,
         observation_noise: ArrayLike = 0.0,
@@ -62,7 +65,16 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         refuse_unknown(VectorEnv, unknown)
         problem = problem_of(problem)
         self.options = options = EnvOptions(
-            problem, dt, terminate_at_goal, time_limit, constants, disturbance, observation_noise, delay, render_mode
+            problem,
+            dt,
+            terminate_at_goal,
+            time_limit,
+            max_episode_steps,
+            constants,
+            disturbance,
+            observation_noise,
+            delay,
+            render_mode,
         )
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -80,19 +92,24 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self._truncated = np.zeros(num_envs, dtype=np.bool_)
         self._all = np.arange(num_envs)
         self._begun = False
-        self._outcome: Outcome | None = None
+        self._outcome = Outcome.none(num_envs, len(problem.parameters), problem.n_clearances > 0)
+        self._given = np.zeros((num_envs, problem.system.nu))
         self._pictures = Pictures(self._plant)
 
     @property
-    def outcome(self) -> Outcome:
-        """Results of the last control step, which no wrapper changes.
+    def costs(self) -> Array:
+        """Costs of the last control step as in ``info["cost"]``, which no wrapper changes, (num_envs,)."""
+        return self._outcome.cost.copy()
 
-        Raises:
-            ResetNeeded: before the first control step.
-        """
-        if self._outcome is None:
-            raise ResetNeeded("no control step was taken yet: call reset() and step()")
-        return self._outcome
+    @property
+    def left_box(self) -> Bools:
+        """Which episodes left the operating box in the last control step, (num_envs,)."""
+        return self._outcome.left_box.copy()
+
+    @property
+    def controls(self) -> Array:
+        """Actions that the last control step was given, before they are clipped and delayed, (num_envs, nu)."""
+        return self._given.copy()
 
     @property
     def steps(self) -> Ints:
@@ -121,12 +138,15 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
         self._generators.seed(seed, rows)
-        info = self._begin(rows, None if p is None else p[rows])
+        begun = np.zeros(self.num_envs, dtype=np.bool_)
+        begun[rows] = True
+        none = Outcome.none(self.num_envs, len(self.problem.parameters), self.problem.n_clearances > 0)
+        info = none.replaced(begun, self._begin(rows, None if p is None else p[rows])).info(begun)
         self._begun = True
         self._pictures.update()
         return self._observed.copy(), info
 
-    def _begin(self, rows: Ints, parameters: Array | None = None) -> Info:
+    def _begin(self, rows: Ints, parameters: Array | None = None) -> Outcome:
         """Begin episodes in ``rows`` with ``parameters`` (len(rows), np), drawn if not given; their ``info``."""
         if parameters is None:
             parameters = self.options.draw_parameters([self._generators[row] for row in rows])
@@ -138,9 +158,9 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self._truncated[rows] = False
         self._pictures.begin(rows)
         self._observe(rows)
-        begun = np.zeros(self.num_envs, dtype=np.bool_)
-        begun[rows] = True
-        return {"parameters": np.where(begun[:, None], self._plant.parameters, 0.0), "_parameters": begun}
+        reached, violation = self._plant.inside_goal(rows), self._plant.violation(rows)
+        none = np.zeros(len(rows), dtype=np.bool_)
+        return Outcome(self._plant.parameters[rows], reached, np.zeros(len(rows)), none, violation, none)
 
     def _observe(self, rows: Ints) -> None:
         """Observe the states of ``rows``."""
@@ -152,39 +172,39 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
     def step(self, actions: ArrayLike) -> tuple[NDArray[np.float32], Array, Bools, Bools, Info]:
         """Advance the episodes by one control step; rows whose episode is over stand still.
 
-        ``actions`` are the controls, (num_envs, nu), clipped to their bounds. Returned are observations, rewards,
-        terminated, truncated, each of ``num_envs`` rows, and ``info``.
+        ``actions`` are the controls, (num_envs, nu), clipped to their bounds; for NaN see the class. Returned are
+        observations, rewards, terminated, truncated, each of ``num_envs`` rows, and ``info``.
 
         Raises:
             ResetNeeded: before the first :meth:`reset`.
-            ValueError: actions of another shape.
+            ValueError: actions of another shape, or that are no numbers.
         """
         if not self._begun:
             raise ResetNeeded("no episode has begun: call reset() before step()")
-        controls, expected = np.array(actions, dtype=np.float64), self._plant.step.control.shape
-        if controls.shape != expected:
-            raise ValueError(f"{self.problem.id}: expected actions of shape {expected}, got {controls.shape}")
+        self._given = controls_of(self.problem, actions, self._plant.step.control.shape)
+        invalid = nan_rows(self._given)
+        controls = np.where(invalid[:, None], self.problem.goal.control, self._given) if invalid.any() else self._given
         over = self._terminated | self._truncated
         moving = ~over
         rows = np.flatnonzero(moving) if over.any() else self._all
         self._plant.advance(controls, rows, self._generators.normal)
-        outcome = self._outcome = self._conclude(controls, moving)
+        outcome = self._outcome = self._conclude(moving, invalid)
         self._observe(rows)
         self._pictures.record(rows, outcome.cost)
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
         if self.autoreset_mode is AutoresetMode.NEXT_STEP and over.any():
-            info = outcome.info(moving) | self._begin(np.flatnonzero(over))
+            info = outcome.replaced(over, self._begin(np.flatnonzero(over))).info(moving | over)
             terminated[over] = truncated[over] = False
         elif self.autoreset_mode is AutoresetMode.SAME_STEP and (ended := moving & (terminated | truncated)).any():
-            info = outcome.info(moving & ~ended) | outcome.final_info(ended, self._observed)
-            info |= self._begin(np.flatnonzero(ended))
+            final = outcome.final_info(ended, self._observed)
+            info = outcome.replaced(ended, self._begin(np.flatnonzero(ended))).info(moving) | final
         else:
             info = outcome.info(moving)
         self._pictures.update()
         return self._observed.copy(), -outcome.cost, terminated, truncated, info
 
-    def _conclude(self, controls: Array, moving: Bools) -> Outcome:
-        """Charge the ``moving`` rows that left the box under ``controls``, and note which episodes ended."""
+    def _conclude(self, moving: Bools, invalid: Bools) -> Outcome:
+        """Charge the ``moving`` rows that left the box, and note which episodes ended; ``invalid`` actions are NaN."""
         step, options = self._plant.step, self.options
         reached = (step.reached > 0) & moving
         left_box = (step.left_box > 0) & moving
@@ -196,7 +216,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self._terminated |= terminated
         self._truncated |= moving & ~terminated & (self._steps >= options.max_steps)
         violation = step.violation.copy() if self.problem.n_clearances else None
-        return Outcome(controls, reached, cost, violation, left_box)
+        return Outcome(self.parameters, reached, cost, left_box, violation, invalid & moving)
 
     def show_plan(self, plans: Trajectory) -> None:
         """Show ``plans``, one a row (else a ``ValueError``), in the pictures of the episodes; follows a reset."""

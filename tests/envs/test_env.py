@@ -124,7 +124,7 @@ def test_goal_terminates_unless_told_otherwise(problem):
         np.testing.assert_array_equal(env.state, problem.goal.state)
         _, _, terminated, truncated, info = env.step(problem.goal.control.astype(np.float32))
         assert (terminated, truncated, info["is_success"]) == (stop, False, True)
-        assert "failure" not in info
+        assert not info["left_box"]
 
 
 def test_time_limit_is_in_seconds_whatever_the_control_step():
@@ -149,7 +149,7 @@ def test_leaving_the_box_costs_more_than_anything_that_stays():
         _, reward, terminated, truncated, info = env.step(np.ones(1))
         total -= reward
         steps += 1
-    assert info["failure"] == "left_box"
+    assert info["left_box"]
     assert not truncated
     assert not info["is_success"]
     assert info["cost"] == pytest.approx(largest_cost_rate(PENDULUM) * (20.0 - 0.1 * (steps - 1)))
@@ -184,7 +184,7 @@ def test_reset_draws_uniformly_and_by_seed():
 def test_refuses_actions_of_another_shape():
     env = Env(QUADCOPTER_OBSTACLE)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"expected an action \(4,\), got \(1,\)"):
+    with pytest.raises(ValueError, match=r"expected an action of shape \(4,\), got \(1,\)"):
         env.step(np.zeros(1))
 
 
@@ -233,7 +233,8 @@ def test_a_copy_goes_on_alike_and_apart(duplicate):
     for _ in range(5):
         first, second = env.step(np.full(1, 0.3)), other.step(np.full(1, 0.3))
         np.testing.assert_array_equal(first[0], second[0])
-        assert first[1:] == second[1:]
+        assert first[1:4] == second[1:4]
+        assert first[4]["cost"] == second[4]["cost"]
     env.step(np.zeros(1))
     assert not np.array_equal(env.unwrapped.state, other.unwrapped.state)
 
@@ -269,3 +270,32 @@ def test_description_names_everything(problem):
 
 def test_every_public_name_is_there():
     assert all(hasattr(ocp_envs, name) for name in ocp_envs.__all__)
+
+
+@each_problem
+def test_every_info_has_the_same_keys(problem):
+    env = Env(problem)
+    _, info = env.reset(seed=0)
+    ends = [env.step(env.action_space.sample())[4] for _ in range(3)]
+    assert all(
+        {key: np.shape(value) for key, value in each.items()} == {k: np.shape(v) for k, v in info.items()}
+        for each in ends
+    )
+    assert all(type(each[key]) is type(info[key]) for each in ends for key in info)
+
+
+def test_info_of_a_reset_tells_of_the_initial_state():
+    blocked = dataclasses.replace(PENDULUM, id="Blocked-v0", clearance=lambda x, s, c: [x[0] - 1.0])
+    env = Env(blocked)
+    info = env.reset(options={"parameters": [0.25, 0.0]})[1]
+    assert (info["violation"], info["is_success"], info["cost"], info["left_box"]) == (0.75, False, 0.0, False)
+    info = env.reset(options={"parameters": [np.pi, 0.0]})[1]
+    assert (info["violation"], info["is_success"]) == (0.0, True)
+
+
+def test_a_problem_without_a_picture_passes_the_checkers():
+    problem = dataclasses.replace(PENDULUM, id="Unpictured-v0", picture=None)
+    assert Env(problem).metadata["render_modes"] == []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        check_env(Env(problem))

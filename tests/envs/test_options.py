@@ -30,7 +30,14 @@ def test_the_signature_shows_every_argument_with_the_default_of_the_options(envi
 
 @pytest.mark.parametrize("environment", [Env, VectorEnv])
 def test_every_argument_reaches_the_options(environment):
-    arguments = {"dt": 0.05, "terminate_at_goal": False, "time_limit": 3.0, "constants": {"mass": 2.0}, "delay": 2}
+    arguments = {
+        "dt": 0.05,
+        "terminate_at_goal": False,
+        "time_limit": 3.0,
+        "max_episode_steps": 9,
+        "constants": {"mass": 2.0},
+        "delay": 2,
+    }
     arguments |= {"disturbance": [0.1, 0.2], "observation_noise": [0.3, 0.4], "render_mode": "rgb_array"}
     options = environment(PENDULUM, **arguments).options
     for name, value in arguments.items():

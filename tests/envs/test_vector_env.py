@@ -109,7 +109,7 @@ def test_equals_sync_vector_env_at_the_goal_and_outside_the_box(mode):
         assert_equal_step(step, expected)
         info = step[4].get("final_info", step[4])
         reached += int((info.get("is_success", np.zeros(ROWS, bool))).sum())
-        failed += int((info.get("_failure", np.zeros(ROWS, bool))).sum())
+        failed += int((info.get("left_box", np.zeros(ROWS, bool))).sum())
         for envs in (ours, sync):
             restart_ended(envs, step[2].copy(), step[3].copy())
     assert reached > 0
@@ -192,7 +192,7 @@ def test_refuses_bad_calls():
         envs.step(np.zeros((3, 4)))
     envs.reset(seed=0)
     for shape in ((3, 1), (4,), (2, 4)):
-        with pytest.raises(ValueError, match=r"expected actions of shape \(3, 4\)"):
+        with pytest.raises(ValueError, match=r"expected an action of shape \(3, 4\)"):
             envs.step(np.zeros(shape))
     with pytest.raises(ValueError, match="at least one"):
         VectorEnv(QUADCOPTER, 0)

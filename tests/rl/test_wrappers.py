@@ -158,12 +158,12 @@ def test_the_goal_error_is_computed_only_where_it_is_paid_for(monkeypatch):
     def refuse(*_):
         raise AssertionError("computed")
 
-    monkeypatch.setattr(type(PENDULUM), "goal_error", refuse)
     for shaping, computed in ((RewardShaping(), False), (RewardShaping(shaping=1.0), True)):
         envs = VectorShapedReward(environments(PENDULUM, 2, terminate_at_goal=True), shaping)
+        envs.reset(seed=0)
         context = pytest.raises(AssertionError, match="computed") if computed else contextlib.nullcontext()
-        with context:
-            envs.reset(seed=0)
+        with monkeypatch.context() as patch, context:
+            patch.setattr(type(PENDULUM), "goal_error", refuse)
             envs.step(np.zeros((2, 1)))
 
 
