@@ -291,11 +291,3 @@ def test_info_of_a_reset_tells_of_the_initial_state():
     assert (info["violation"], info["is_success"], info["cost"], info["left_box"]) == (0.75, False, 0.0, False)
     info = env.reset(options={"parameters": [np.pi, 0.0]})[1]
     assert (info["violation"], info["is_success"]) == (0.0, True)
-
-
-def test_a_problem_without_a_picture_passes_the_checkers():
-    problem = dataclasses.replace(PENDULUM, id="Unpictured-v0", picture=None)
-    assert Env(problem).metadata["render_modes"] == []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        check_env(Env(problem))
