@@ -19,7 +19,10 @@ import weakref
 from collections.abc import Callable
 from typing import BinaryIO, Protocol
 
+from ocp_envs.solvers import cpu_limit
 from ocp_envs.solvers.channel import Channel, Gone, Silent
+from ocp_envs.solvers.compilation import cure
+from ocp_envs.solvers.cpu_limit import Limits
 from ocp_envs.solvers.nlp import Result, SolverSettings, Task
 from ocp_envs.solvers.transcription import Transcription
 
@@ -27,6 +30,10 @@ from ocp_envs.solvers.transcription import Transcription
 _ALONE_LIMIT = 900
 #: Seconds a child may take to start: imports, and at worst a compilation of the solver functions.
 _START_LIMIT = 900.0
+#: Seconds that the process of a closed pipe may take to end.
+_GRACE = 5.0
+#: Last lines of what a process printed that an error message quotes.
+_QUOTED = 20
 
 
 class TaskSolver(Protocol):
@@ -46,13 +53,14 @@ class Child:
     In the process, ``factory`` makes the solver of the program ``transcription`` with ``settings``.
 
     Raises:
-        RuntimeError: the process ended before it was ready, or took too long; the message holds what it printed.
+        RuntimeError: the process ended before it was ready, or took too long; the message says how it ended, what it
+            printed last, and what may help.
     """
 
     def __init__(self, factory: Factory, transcription: Transcription, settings: SolverSettings) -> None:
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         process = _start(errors)
-        self.process_id = process.pid
+        self._process, self.process_id = process, process.pid
         self.kill = weakref.finalize(self, _end, process, errors)
         assert process.stdin is not None
         assert process.stdout is not None
@@ -61,13 +69,41 @@ class Child:
             self.channel.send((factory, transcription, settings))
             for message in self.channel.receive(_START_LIMIT):
                 warnings.warn(message, stacklevel=2)
-        except (Silent, Gone):
+        except (Silent, Gone) as error:
+            code = None if isinstance(error, Silent) else self._exit_code()
             process.kill()
             process.wait()
             errors.seek(0)
-            message = errors.read().decode(errors="replace").strip()
+            printed = errors.read().decode(errors="replace")
             self.kill()
-            raise RuntimeError(f"the solver process did not start:\n{message}") from None
+            raise RuntimeError(_why_not_started(code, printed)) from None
+
+    def used_up(self) -> bool:
+        """Whether the process has ended because it used up its processor time."""
+        return self._exit_code() == -cpu_limit.SIGNAL
+
+    def _exit_code(self) -> int | None:
+        """Exit code of the process, which ends now; ``None`` if it does not."""
+        try:
+            return self._process.wait(_GRACE)
+        except subprocess.TimeoutExpired:
+            return None
+
+
+def _why_not_started(code: int | None, printed: str) -> str:
+    """Why a process did not start that ended with ``code``, or not in time if ``None``, and ``printed`` something."""
+    lines = printed.strip().splitlines()[-_QUOTED:]
+    if code is None:
+        ended, advice = f"was not ready after {_START_LIMIT:g} s", "the machine may be overloaded"
+    elif code < 0:
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
+        ended = f"was ended by {name} (exit code {code})"
+        advice = "the machine may lack memory" if -code == signal.SIGKILL else cure()
+    else:
+        ended = f"ended with exit code {code}"
+        advice = "the lines above say why" if lines else "see whether `python -c 'import ocp_envs'` works"
+    quoted = "\n".join(["it printed:", *lines]) if lines else "it printed nothing"
+    return f"the solver process did not start: it {ended}; {quoted}\n{advice}"
 
 
 def _start(errors: BinaryIO) -> subprocess.Popen[bytes]:
@@ -100,7 +136,7 @@ def serve() -> None:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         solver = factory(transcription, settings)
-    tasks: queue.SimpleQueue[tuple[Task, bool]] = queue.SimpleQueue()
+    tasks: queue.SimpleQueue[tuple[Task, bool, Limits]] = queue.SimpleQueue()
 
     def read() -> None:
         try:
@@ -112,8 +148,10 @@ def serve() -> None:
     channel.send([warning.message for warning in caught])
     threading.Thread(target=read, daemon=True).start()
     while True:
-        task, skip_primary = tasks.get()
+        task, skip_primary, limits = tasks.get()
         signal.alarm(_ALONE_LIMIT)
+        cpu_limit.arm(limits)
         result = solver.solve(task, skip_primary)
+        cpu_limit.disarm()
         signal.alarm(0)
         channel.send(result)

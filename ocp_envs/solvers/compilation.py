@@ -39,20 +39,24 @@ def _warn_once(reason: str) -> None:
     warnings.warn(f"solver functions are interpreted, not compiled: {reason}", CompiledNotAvailable, stacklevel=3)
 
 
+def chosen_folder() -> Path:
+    """Where the libraries are to be."""
+    if chosen := os.environ.get("OCP_ENVS_CACHE"):
+        return Path(chosen)
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "ocp_envs"
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home())) / "ocp_envs" / "cache"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ocp_envs"
+
+
 def cache_folder() -> Path:
     """The folder of the libraries, created on demand with access for its owner only.
 
     Raises:
         OSError: it cannot be created, or belongs to another user.
     """
-    if chosen := os.environ.get("OCP_ENVS_CACHE"):
-        folder = Path(chosen)
-    elif sys.platform == "darwin":
-        folder = Path.home() / "Library" / "Caches" / "ocp_envs"
-    elif sys.platform == "win32":
-        folder = Path(os.environ.get("LOCALAPPDATA", Path.home())) / "ocp_envs" / "cache"
-    else:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ocp_envs"
+    folder = chosen_folder()
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if hasattr(os, "getuid"):
         status = folder.stat()
@@ -128,3 +132,11 @@ def _compile(solver: ca.Function, compiler: str, folder: Path, path: Path) -> No
     source.write_text(generator.dump())
     subprocess.run([compiler, *FLAGS, str(source), "-o", str(built)], check=True, capture_output=True)
     os.replace(built, path)
+
+
+def cure() -> str:
+    """What to do where a process that loads the libraries dies."""
+    return (
+        f"a compiled library in {chosen_folder()} may be damaged: remove that folder, which is filled again, or set "
+        "OCP_ENVS_CACHE to another"
+    )

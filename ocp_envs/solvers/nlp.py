@@ -22,6 +22,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from ocp_envs.solvers import cpu_limit
 from ocp_envs.solvers.compilation import build_solver
 from ocp_envs.solvers.transcription import Transcription
 from ocp_envs.support.arrays import Array
@@ -46,8 +47,8 @@ class SolverSettings:
         primary: "fatrop" or "ipopt"; the other one is the fallback.
         tolerance: scaled optimality tolerance of either solver.
         max_iterations, fallback_iterations: limits of an attempt of the primary and of the fallback solver.
-        hang_factor, hang_floor: a solve is killed after the larger of ``hang_factor`` × the running median time of a
-            solve and ``hang_floor`` seconds.
+        hang_factor, hang_floor: an attempt of the primary solver counts as hung after the larger of ``hang_factor`` ×
+            the running median time of a solve and ``hang_floor`` seconds of processor time.
     """
 
     primary: str = "fatrop"
@@ -78,13 +79,14 @@ class Task(NamedTuple):
     """One solve in scaled variables, from ``guess`` w (nw,), for ``parameter`` [x_0; s] (nx + nc,).
 
     The goal state has the index ``target``. Where the primary solver does not converge, the fallback continues if
-    ``retry_with_fallback``; where it breaks down the fallback is used in any case.
+    ``retry_with_fallback``; where it breaks down, hangs or crashes, the fallback solves the task if ``rescue``.
     """
 
     guess: Array
     parameter: Array
     target: int
     retry_with_fallback: bool = True
+    rescue: bool = True
 
 
 class Result(NamedTuple):
@@ -101,6 +103,12 @@ class Result(NamedTuple):
     iterations: int
     fallback: bool
     seconds: float
+
+    @classmethod
+    def failed(cls, status: Status, transcription: Transcription, fallback: bool, seconds: float) -> Result:
+        """The result of a solve of ``transcription`` that left nothing behind but how it ended."""
+        w, multipliers = np.full(transcription.lower.shape, np.nan), np.full(transcription.clearance_rows.shape, np.nan)
+        return cls(status, w, np.nan, multipliers, 0, fallback, seconds)
 
 
 class Outcome(enum.Enum):
@@ -138,7 +146,9 @@ class NlpSolver:
                 longer = task._replace(guess=self._transcription.with_duration(backend.w, _SECOND_DURATION))
                 outcome, more = backend.run(longer, *bounds)
                 iterations += more
-        if outcome is Outcome.BROKE_DOWN or (outcome is Outcome.STUCK and task.retry_with_fallback):
+        retry = {Outcome.STUCK: task.retry_with_fallback, Outcome.BROKE_DOWN: task.rescue or skip_primary}
+        if retry.get(outcome, False):
+            cpu_limit.begin_fallback()
             if outcome is Outcome.STUCK:
                 task = task._replace(guess=backend.w)
             backend = self.fallback

@@ -61,10 +61,11 @@ def make_tasks(
     guesses: Trajectory,
     windings: NDArray[np.integer],
     retry_with_fallback: bool = True,
+    rescue: bool = True,
 ) -> list[Task]:
     """The solves of instances of ``problem`` with ``parameters`` (B, np) in scaled variables of ``transcription``.
 
-    The other arguments, ``guesses``, ``windings`` and ``retry_with_fallback``, are those of
+    The other arguments, ``guesses``, ``windings``, ``retry_with_fallback`` and ``rescue``, are those of
     :meth:`~ocp_envs.solvers.solver.GuardedSolver.solve`.
 
     Raises:
@@ -87,7 +88,9 @@ def make_tasks(
     distance = np.abs((guesses.states[:, -1, None] - problem.targets) / problem.system.state.scale).sum(axis=2)
     targets = np.where(windings == NEAREST_WINDING, distance.argmin(axis=1), windings)
     fixed = np.concatenate(problem.start(parameters), axis=1)
-    return [Task(*row, retry_with_fallback) for row in zip(transcription.pack(guesses), fixed, targets.tolist())]
+    return [
+        Task(*row, retry_with_fallback, rescue) for row in zip(transcription.pack(guesses), fixed, targets.tolist())
+    ]
 
 
 def collect(

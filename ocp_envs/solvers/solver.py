@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guard import Guard
-from ocp_envs.solvers.guesses import GuessKind, guesses, random_kind
+from ocp_envs.solvers.guesses import bends_of, guesses, random_kind
 from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
 from ocp_envs.solvers.solutions import Solutions, best_per_mode, collect, make_tasks
 from ocp_envs.solvers.transcription import Transcription, transcribe
@@ -22,6 +22,8 @@ from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
 DEFAULT_SOLVER = SolverSettings()
+#: Where many guesses are tried, one that hangs is given up soon.
+OF_MANY_GUESSES = SolverSettings(hang_floor=0.5, hang_factor=15.0)
 
 
 class Runner(Protocol):
@@ -78,7 +80,13 @@ class GuardedSolver:
         return self.runner.restarts
 
     def solve(
-        self, parameters: Array, guesses: Trajectory, windings: NDArray[np.integer], *, retry_with_fallback: bool = True
+        self,
+        parameters: Array,
+        guesses: Trajectory,
+        windings: NDArray[np.integer],
+        *,
+        retry_with_fallback: bool = True,
+        rescue: bool = True,
     ) -> Solutions:
         """Solve B instances, each from one guess.
 
@@ -87,15 +95,16 @@ class GuardedSolver:
             guesses: B trajectories.
             windings: (B,) indices into ``problem.targets``, or :data:`~ocp_envs.solvers.guesses.NEAREST_WINDING`.
             retry_with_fallback: whether the fallback solver retries where the primary solver did not converge. With
-                many guesses the next guess usually succeeds sooner. Where the primary solver breaks down, hangs or
-                crashes, the fallback is used in any case.
+                many guesses the next guess usually succeeds sooner.
+            rescue: whether the fallback solver solves where the primary solver breaks down, hangs or crashes.
 
         Raises:
             ValueError: shapes or windings that do not fit, or guesses that are not finite.
             RuntimeError: the child cannot be started.
         """
-        tasks = make_tasks(self.problem, self._transcription, parameters, guesses, windings, retry_with_fallback)
-        return collect(self.problem, self._transcription, parameters, self.runner.solve(tasks))
+        instances = self.problem, self._transcription, parameters
+        tasks = make_tasks(*instances, guesses, windings, retry_with_fallback, rescue)
+        return collect(*instances, self.runner.solve(tasks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +139,7 @@ class Solution:
 
 @lru_cache(maxsize=4)
 def _shared_solver(problem: OptimalControlProblem, process: int, thread: int) -> GuardedSolver:
-    return GuardedSolver(problem)
+    return GuardedSolver(problem, OF_MANY_GUESSES)
 
 
 def solve(
@@ -154,19 +163,40 @@ def solve(
     parameters, turns = problem.in_one_turn(given)
     if len(parameters) != 1 or starts < 1:
         raise ValueError(f"solve takes one instance and starts ≥ 1, got {len(parameters)} and {starts}")
-    rng, count = np.random.default_rng(seed), len(problem.targets)
-    windings = np.arange(count)
-    repeated = np.repeat(parameters, count, axis=0)
-    kinds: list[GuessKind] = ["line", *[random_kind(problem)] * (starts - 1)]
-    tried = [guesses(problem, repeated, windings, rng, kind) for kind in kinds]
     # A forked process must not talk to its parent's child, nor a thread to another thread's.
     solver = _shared_solver(problem, os.getpid(), threading.get_ident())
-    solutions = solver.solve(
-        np.tile(repeated, (starts, 1)),
-        Trajectory.concatenate(tried),
-        np.tile(windings, starts),
-        retry_with_fallback=False,
-    )
+    solutions = _multistart(solver, parameters, np.random.default_rng(seed), starts)
     modes = best_per_mode(problem, parameters[0], solutions)
     status = Status.SOLVED if solutions.solved.any() else Status(int(solutions.status[0]))
     return Solution(given[0], replace(modes, trajectory=modes.trajectory.shifted(turns)), status)
+
+
+def _multistart(solver: GuardedSolver, parameters: Array, rng: np.random.Generator, starts: int) -> Solutions:
+    """Solves of one instance from ``starts`` guesses for each winding, at first from lines.
+
+    A guess that fails is given up. Only where all fail the fallback solver is used, from the lines.
+    """
+    problem, count = solver.problem, len(solver.problem.targets)
+    windings, repeated = np.arange(count), np.repeat(parameters, count, axis=0)
+
+    def attempt(tried: Sequence[Trajectory], last_resort: bool = False) -> Solutions:
+        return solver.solve(
+            np.tile(repeated, (len(tried), 1)),
+            Trajectory.concatenate(tried),
+            np.tile(windings, len(tried)),
+            retry_with_fallback=last_resort,
+            rescue=last_resort,
+        )
+
+    lines = guesses(problem, repeated, windings, rng, "line")
+    solutions, kind = attempt([lines]), random_kind(problem)
+    if starts > 1:
+        first = solutions
+        others = [
+            bends_of(problem, lines, first.solved, first.trajectory, rng)
+            if kind == "bend"
+            else guesses(problem, repeated, windings, rng, kind)
+            for _ in range(starts - 1)
+        ]
+        solutions = Solutions.concatenate([first, attempt(others)])
+    return solutions if solutions.solved.any() else Solutions.concatenate([solutions, attempt([lines], True)])

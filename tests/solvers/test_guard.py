@@ -1,14 +1,17 @@
 import ctypes
+import hashlib
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from functools import partial
 
 import numpy as np
 import pytest
 
+from ocp_envs.solvers import guard
 from ocp_envs.solvers.compilation import CompiledNotAvailable
 from ocp_envs.solvers.guard import Guard
 from ocp_envs.solvers.guesses import guesses
@@ -20,9 +23,9 @@ from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 pytestmark = pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable")
-HURRIED = SolverSettings(hang_floor=1.0, hang_factor=1.0)
+HURRIED = SolverSettings(hang_floor=0.3, hang_factor=1.0)
 #: Starts at which the solvers below misbehave.
-HANGS, CRASHES, HANGS_TWICE, CRASHES_TWICE = 1.0, 2.0, 3.0, 4.0
+HANGS, CRASHES, HANGS_TWICE, CRASHES_TWICE, SLEEPS = 1.0, 2.0, 3.0, 4.0, 5.0
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -39,6 +42,8 @@ class Troubled(NlpSolver):
     def solve(self, task, skip_primary=False):
         start = task.parameter[0]
         if start in (HANGS, HANGS_TWICE) and (not skip_primary or start == HANGS_TWICE):
+            hashlib.pbkdf2_hmac("sha256", b"", b"", 2**31 - 1)  # for an hour
+        if start == SLEEPS and not skip_primary:
             ctypes.CDLL(None).pause()
         if start in (CRASHES, CRASHES_TWICE) and (not skip_primary or start == CRASHES_TWICE):
             ctypes.string_at(0)
@@ -51,6 +56,10 @@ TROUBLED = partial(Guard, factory=Troubled)
 class Unborn:
     def __init__(self, transcription, settings):
         raise ZeroDivisionError("a solver that cannot be made")
+
+
+def die(number, transcription, settings):
+    os.kill(os.getpid(), number)
 
 
 def arguments(positions):
@@ -80,15 +89,49 @@ def test_hang_and_crash_end_in_the_fallback_and_lose_nothing_else():
     assert (np.diff(found.cost) > 0).all()  # farther is dearer: every result stands at its own place
 
 
-def test_hang_and_crash_of_both_solvers_are_values():
-    positions = np.array([HANGS_TWICE, 0.5, CRASHES_TWICE, 0.7])
+def test_hang_and_crash_of_both_solvers_are_values(monkeypatch):
+    positions = np.array([0.5, HANGS_TWICE, CRASHES_TWICE, 0.7])
+    monkeypatch.setattr(guard, "UNKNOWN_LIMIT", 0.1)
     with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, TROUBLED) as solver:
         found = solver.solve(*arguments(positions))
         assert solver.restarts == 5
-    expected = [Status.TIMED_OUT, Status.SOLVED, Status.CRASHED, Status.SOLVED]
+    expected = [Status.SOLVED, Status.TIMED_OUT, Status.CRASHED, Status.SOLVED]
     np.testing.assert_array_equal(found.status, expected)
-    assert np.isinf(found.cost[[0, 2]]).all()
-    assert np.isnan(found.trajectory.flat()[[0, 2]]).all()
+    assert np.isinf(found.cost[[1, 2]]).all()
+    assert np.isnan(found.trajectory.flat()[[1, 2]]).all()
+
+
+def test_what_hangs_is_given_up_where_no_rescue_is_asked_for():
+    positions = np.array([0.5, HANGS, CRASHES, 0.7])
+    with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, TROUBLED) as solver:
+        found = solver.solve(*arguments(positions), rescue=False)
+    np.testing.assert_array_equal(found.status, [Status.SOLVED, Status.TIMED_OUT, Status.CRASHED, Status.SOLVED])
+    assert not found.fallback.any()
+
+
+def test_a_process_that_sleeps_is_tried_twice_and_then_rescued(monkeypatch):
+    monkeypatch.setattr(guard, "WALL_FACTOR", 0.1)
+    with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, TROUBLED) as solver:
+        monkeypatch.setattr(guard, "UNKNOWN_LIMIT", 0.3)
+        found = solver.solve(*arguments([0.5, SLEEPS, 0.7]))
+        assert solver.restarts == 2
+    assert found.solved.all()
+    np.testing.assert_array_equal(found.fallback, [False, True, False])
+
+
+def test_limits_are_of_processor_time_and_follow_the_median(monkeypatch):
+    """A process that is stopped for longer than its limit goes on as if nothing had happened."""
+    settings = SolverSettings(hang_floor=0.01, hang_factor=30.0)
+    with GuardedSolver(DOUBLE_INTEGRATOR, settings) as solver:
+        assert solver.runner._limits().primary == guard.UNKNOWN_LIMIT
+        solver.solve(*arguments([1.0, 2.0]))
+        limits = solver.runner._limits()
+        assert limits.primary < guard.UNKNOWN_LIMIT
+        os.kill(solver.runner.process_id, signal.SIGSTOP)
+        wake = threading.Timer(2 * limits.primary, os.kill, (solver.runner.process_id, signal.SIGCONT))
+        wake.start()
+        assert solver.solve(*arguments([1.5])).solved.all()
+        assert solver.restarts == 0
 
 
 def test_a_child_killed_from_outside_is_replaced():
@@ -122,9 +165,26 @@ def test_warnings_of_the_child_reach_the_parent():
 def test_a_child_that_cannot_start_says_why():
     with (
         GuardedSolver(DOUBLE_INTEGRATOR, runner=partial(Guard, factory=Unborn)) as solver,
-        pytest.raises(RuntimeError, match="cannot be made"),
+        pytest.raises(RuntimeError, match=r"exit code 1; it printed:\n(.|\n)*cannot be made"),
     ):
         solver.solve(*arguments([1.0]))
+
+
+@pytest.mark.parametrize(
+    ("number", "cure"),
+    [(signal.SIGBUS, "remove that folder"), (signal.SIGKILL, "may lack memory")],
+    ids=["damaged", "killed"],
+)
+def test_a_child_that_dies_before_it_prints_is_explained(number, cure, monkeypatch):
+    monkeypatch.setenv("OCP_ENVS_CACHE", "/somewhere")
+    setup = partial(Guard, factory=partial(die, number))
+    with (
+        GuardedSolver(DOUBLE_INTEGRATOR, runner=setup) as solver,
+        pytest.raises(RuntimeError, match=rf"was ended by {number.name} \(exit code -{number:d}\)") as caught,
+    ):
+        solver.start()
+    assert cure in str(caught.value)
+    assert ("/somewhere" in str(caught.value)) == (number == signal.SIGBUS)
 
 
 def _alive(process_id):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from ocp_envs.problems.pendulum import PENDULUM
-from ocp_envs.solvers.guesses import guesses
+from ocp_envs.solvers.guesses import bends_of, guesses
 from tests.solvers.programs import DISC
 
 
@@ -29,3 +29,19 @@ def test_bent_guesses_pass_an_obstacle_on_every_side():
     middle = (bent.states - straight.states)[:, DISC.knots // 2]
     assert (middle > 0.1).any(axis=0).all()
     assert (middle < -0.1).any(axis=0).all()
+
+
+def test_bends_of_a_solution_keep_its_ends_controls_and_duration():
+    p, winding = np.tile([[-3.0, 0.3, 1.0]], (200, 1)), np.zeros(200, int)
+    lines = guesses(DISC, p, winding, np.random.default_rng(0), "line")
+    found = guesses(DISC, p, winding, np.random.default_rng(1), "drift")
+    solved = np.arange(200) < 100
+    bent = bends_of(DISC, lines, solved, found, np.random.default_rng(2))
+    for name in ("controls", "duration"):
+        np.testing.assert_array_equal(getattr(bent, name)[solved], getattr(found, name)[solved])
+        np.testing.assert_array_equal(getattr(bent, name)[~solved], getattr(lines, name)[~solved])
+    base = np.where(solved[:, None, None], found.states, lines.states)
+    np.testing.assert_array_equal(bent.states[:, [0, -1]], base[:, [0, -1]])
+    height = (bent.states - base)[:, DISC.knots // 2, 0]
+    assert height[solved].std() < 0.7 * height[~solved].std()
+    assert DISC.system.state.contains(bent.states).all()
