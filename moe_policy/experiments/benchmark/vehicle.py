@@ -48,6 +48,7 @@ BENCHMARK = Benchmark(
         settings=TrainingSettings(epochs=100, learning_rate=3e-3),
         sizes={3_000: 640, 10_000: 350, 30_000: 200},
         sized=("snn", "moe-custom", "moe-kmeans-10"),
+        over_seeds=(20_000, 100),
     ),
     learners=Learners(
         settings={"sac": _SAC, "ppo": _PPO},
