@@ -25,7 +25,7 @@ from filelock import FileLock, Timeout
 from numpy.typing import ArrayLike
 
 from ocp_envs.data.database import Database
-from ocp_envs.data.layout import DatabaseError, StoredRows, create_group
+from ocp_envs.data.layout import DatabaseError, StoredRows
 from ocp_envs.data.rounds import rounds, tasks
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.data.worker import Chunk, solve_chunk
@@ -118,13 +118,19 @@ def generate(
 ) -> Database:
     """Solve the problem for all parameters and store the best trajectory of every solution family.
 
-    The same call resumes where an earlier one was interrupted. With the default executor the calling script needs
+    The same call resumes where an earlier one was interrupted. A call whose parameters begin with those of a finished
+    database, in the same order, adds the others: only these are solved, and what is stored of the first stays equal bit
+    by bit. Rounds and chunks stay where they are, so a database that grew at a multiple of ``settings.chunk`` equals
+    one that was generated at once in its order of rows. It differs from one that :func:`generate` makes at once, which
+    puts all instances into random order. What it holds depends on the sizes to which it grew, the settings and the
+    seed, and not on interruptions or workers. With the default executor the calling script needs
     Python's usual ``if __name__ == "__main__":``.
 
     Args:
         problem: what to solve; it need not be registered.
         path: folder of the database.
-        parameters: (M, np). Those that whole turns of angles bring into the box are solved and stored there.
+        parameters: (M, np); the first of them may be stored already. Those that whole turns of angles bring into the
+            box are solved and stored there.
         executor: any ``concurrent.futures`` executor, such as a Dask cluster's ``client.get_executor()``; by default a
             pool of processes. If it breaks, its error is raised and every finished chunk is stored.
         workers: processes of the default pool, or tasks that ``executor`` runs at once; one per core where not given.
@@ -145,8 +151,8 @@ def generate(
     p, folder = problem.check_parameters(parameters, extrapolate), Path(path)
     outside = ~problem.parameters.contains(p)
     p[outside] = problem.in_one_turn(p[outside])[0]
-    if folder.exists() and (finished := _open_or_create(problem, folder, p, seed, settings)).complete:
-        return finished
+    if folder.exists() and _complete(found := _open_or_create(problem, folder, p, seed, settings), p):
+        return found
     with _only_writer(folder):
         database = _open_or_create(problem, folder, p, seed, settings)
         with GuardedSolver(problem, settings.solver) as solver:
@@ -154,10 +160,30 @@ def generate(
         begun = database.totals()["problems"]
         bar = Progress(len(p), unit="instance", label=problem.id, initial=begun, shown=progress)
         with bar, _workers(executor, workers) as pool:
-            run = _Run(database, pool, bar)
-            for chunks in rounds(database, settings):
-                run(tasks(database, settings, seed, chunks))
+            _finish(database, settings, seed, pool, bar)
+            if not _complete(database, p):
+                database = _grown(database, p, seed)
+                _finish(database, settings, seed, pool, bar)
     return database
+
+
+def _complete(database: Database, p: Array) -> bool:
+    """Whether ``database`` has all of the parameters ``p``, of which it has the first, and their solutions."""
+    return len(database) == len(p) and database.complete
+
+
+def _finish(database: Database, settings: GenerationSettings, seed: int, workers: Workers, bar: Progress) -> None:
+    """Solve what is missing, round by round."""
+    run = _Run(database, workers, bar)
+    for chunks in rounds(database, settings):
+        run(tasks(database, settings, seed, chunks))
+
+
+def _grown(database: Database, p: Array, seed: int) -> Database:
+    """The finished ``database`` with rows for those of ``p`` that it does not have."""
+    known = len(database)
+    order = known + np.random.default_rng((seed, known)).permutation(len(p) - known)
+    return database.grow(p[known:], order)
 
 
 @contextlib.contextmanager
@@ -183,11 +209,21 @@ def _only_writer(path: Path) -> Iterator[None]:
 def _open_or_create(
     problem: OptimalControlProblem, path: Path, p: Array, seed: int, settings: GenerationSettings
 ) -> Database:
+    """The database at ``path`` for the parameters ``p`` or the first of them; a new one where there is none."""
     record = {"seed": seed, **settings.record()}
     if not path.exists():
         order = np.random.default_rng(seed).permutation(len(p))
-        create_group(path, problem, p, order, record, settings.chunk)
+        Database.create(path, problem, p, order=order, settings=record, chunk=settings.chunk)
     database = Database.open(path, problem)
-    if database.settings != record or not np.array_equal(database.parameters, p):
-        raise DatabaseError(f"{path} was made with other parameters, settings or seed; remove it, or choose another")
+    known = database.parameters
+    if database.settings == record and len(known) > len(p) and np.array_equal(known[: len(p)], p):
+        raise DatabaseError(
+            f"{path} holds {len(known)} instances, of which the given {len(p)} are the first; pass all of them, or "
+            f"open it and select, as in Database.open(path).samples(range({len(p)}))"
+        )
+    if database.settings != record or not np.array_equal(known, p[: len(known)]):
+        raise DatabaseError(
+            f"{path} was made with other parameters, settings or seed; remove it, or choose another. A database grows "
+            f"where the parameters begin with the {len(known)} that it was made with, in the same order"
+        )
     return database

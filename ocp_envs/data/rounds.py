@@ -27,6 +27,8 @@ def rounds(database: Database, settings: GenerationSettings) -> list[range]:
 def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: range) -> Iterator[Chunk]:
     """The tasks of the round with the numbers ``chunks`` that are not done yet, from what ``database`` holds.
 
+    Where the first rows of a chunk exist, since the database has grown, a task has the others.
+
     They are solved with ``settings``; ``seed`` determines their random guesses.
     """
     problem = database.problem
@@ -37,7 +39,8 @@ def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: r
     if missing and chunks.start > 0:
         library = Library(database, database.stored_rows(chunks.start).start)
     for number in missing:
-        p = database.stored_parameters(database.stored_rows(number))
+        rows, begin = database.missing_rows(number), database.stored_rows(number).start
+        p = database.stored_parameters(rows)
         if library is None:
             owner, z = np.empty(0, np.int64), np.empty((0, problem.flat_size), np.float32)
             cold = np.full(len(p), settings.starts)
@@ -46,4 +49,5 @@ def tasks(database: Database, settings: GenerationSettings, seed: int, chunks: r
             # Where no neighbour has a solution, random guesses are all there is.
             warm = np.isin(np.arange(len(p)), owner)
             cold = np.where(warm, settings.cold, max(settings.cold, PATIENCE))
-        yield Chunk(number, payload, settings, (seed, number), p, owner, z, cold)
+        grown = (rows.start - begin,) if rows.start > begin else ()
+        yield Chunk(number, payload, settings, (seed, number, *grown), p, owner, z, cold)

@@ -66,3 +66,9 @@ def make_folder(path: Path) -> None:
         make_folder(path.parent)
         path.mkdir(exist_ok=True)
         sync_folder(path.parent)
+
+
+def sync_everything() -> None:
+    """Wait until all that was written so far is on the disk, where the system can do so."""
+    if hasattr(os, "sync"):
+        os.sync()

@@ -1,3 +1,4 @@
+import os
 import shutil
 from dataclasses import replace
 
@@ -141,33 +142,123 @@ def test_totals_and_digest(filled, empty):
     assert database.digest() != before
 
 
+# -- growth ------------------------------------------------------------------------------------------------------------
+
+
+def grown(database, size, rows):
+    """The finished ``database`` with the first of ``rows`` up to ``size``, in order of their indices."""
+    p = sample(PENDULUM, 1, 40)
+    known = len(database)
+    database = database.grow(p[known:size], np.arange(known, size))
+    for chunk in np.flatnonzero(~database.present()):
+        database.write(chunk, rows[database.missing_rows(chunk)])
+    return database
+
+
+@pytest.fixture
+def small(tmp_path):
+    """A finished database of six rows, and forty of which they are the first."""
+    p = sample(PENDULUM, 1, 40)
+    rows = made_up(PENDULUM, p)
+    database = Database.create(tmp_path / "small", PENDULUM, p[:6], chunk=CHUNK)
+    for chunk in range(2):
+        database.write(chunk, rows[:6][database.stored_rows(chunk)])
+    return database, rows
+
+
+def test_what_is_stored_stays_when_a_database_grows(small):
+    database, rows = small
+    for size in (7, 8, 9, 20):
+        database = grown(database, size, rows)
+        assert (len(database), database.complete) == (size, True)
+        again = Database.open(database.path)
+        for name, value in vars(again.stored(slice(0, size))).items():
+            np.testing.assert_array_equal(value, getattr(rows, name)[:size], err_msg=name)
+        np.testing.assert_array_equal(again.parameters, sample(PENDULUM, 1, 40)[:size])
+
+
+class KilledError(BaseException):
+    """Stands for the end of the process."""
+
+
+@pytest.mark.parametrize(("moment", "then"), [(0, 13), (1, 17), (7, 13), (12, 17), (16, 17)])
+def test_growth_that_was_interrupted_goes_on_also_to_another_size(small, monkeypatch, moment, then):
+    """At writes of the description, of the arrays' sizes, of parameters and of order."""
+    database, rows = small
+    interrupted, count, synced = copied(database, "interrupted"), iter(range(1000)), os.fsync
+
+    def killed(descriptor):
+        if next(count) == moment:
+            raise KilledError
+        synced(descriptor)
+
+    monkeypatch.setattr(os, "fsync", killed)
+    with pytest.raises(KilledError):
+        interrupted.grow(sample(PENDULUM, 1, 40)[6:13], np.arange(6, 13))
+    monkeypatch.setattr(os, "fsync", synced)
+    left = Database.open(interrupted.path)
+    assert len(left) == 6
+    assert left.complete
+    assert grown(left, then, rows).digest() == grown(database, then, rows).digest()
+
+
+def copied(database, name):
+    """A copy of ``database`` in a folder of that ``name``."""
+    return Database.open(shutil.copytree(database.path, database.path.with_name(name)))
+
+
 # -- interrupted and damaged files -------------------------------------------------------------------------------------
 
 
-def test_a_chunk_without_status_does_not_exist(filled):
-    database, _ = filled
-    (database.path / "status" / "c" / "1").unlink()
+@pytest.fixture
+def unfinished(empty, order):
+    """A database without its last chunk."""
+    rows = made_up(PENDULUM, empty.parameters)
+    for chunk in range(2):
+        empty.write(chunk, rows[order[empty.stored_rows(chunk)]])
+    return empty, rows
+
+
+@pytest.mark.parametrize("name", ["status/c/1", "z/c/1/0/0", "failures/c/1"])
+def test_a_chunk_without_one_of_its_pieces_does_not_exist(unfinished, order, name):
+    database, rows = unfinished
+    (database.path / name).unlink()
     again = Database.open(database.path)
-    np.testing.assert_array_equal(again.present(), [True, False, True])
+    np.testing.assert_array_equal(again.present(), [True, False, False])
     assert not again.complete
-    assert again.totals()["problems"] == COUNT - CHUNK
+    assert again.totals()["problems"] == CHUNK
+    for chunk in (1, 2):
+        again.write(chunk, rows[order[again.stored_rows(chunk)]])
+    np.testing.assert_array_equal(Database.open(database.path).costs(), rows.cost)
 
 
-def test_the_first_problems_are_usable_before_the_database_is_complete(filled, order):
-    database, _ = filled
+def test_a_finished_database_without_one_of_its_pieces_is_damaged(filled):
+    (filled[0].path / "failures" / "c" / "1").unlink()
+    with pytest.raises(DatabaseError, match="pieces of solved rows are missing; restore it from a copy, or generate"):
+        Database.open(filled[0].path)
+
+
+def test_rows_that_do_not_fit_a_chunk_are_refused(filled):
+    database, rows = filled
+    for wrong in (rows[:0], rows[: CHUNK + 1]):
+        with pytest.raises(ValueError, match=f"chunk 1 has {CHUNK} rows, got {len(wrong)}"):
+            database.write(1, wrong)
+
+
+def test_the_first_problems_are_usable_before_the_database_is_complete(unfinished, order):
+    database, _ = unfinished
     first = database.first(CHUNK + 1)
     np.testing.assert_array_equal(first, np.sort(order[: CHUNK + 1]))
-    np.testing.assert_array_equal(database.first(None), np.arange(COUNT))
     samples = database.samples(first)
     np.testing.assert_array_equal(samples.index, database.solved(first))
-    (database.path / "status" / "c" / "1").unlink()
-    again = Database.open(database.path)
-    np.testing.assert_array_equal(again.first(CHUNK), np.sort(order[:CHUNK]))
-    with pytest.raises(DatabaseError, match=f"of the first {CHUNK + 1} instances"):
-        again.first(CHUNK + 1)
+    with pytest.raises(DatabaseError, match=f"8 of the first {COUNT} instances are solved"):
+        database.first(None)
 
 
-@pytest.mark.filterwarnings("ignore:Object at .*partial")
+def test_all_problems_of_a_complete_database_are_its_first(filled):
+    np.testing.assert_array_equal(filled[0].first(None), np.arange(COUNT))
+
+
 def test_what_an_interrupted_write_leaves_is_tolerated(filled):
     database, rows = filled
     (database.path / "z" / "c" / "0.1234.partial").write_bytes(b"half a chunk")

@@ -257,3 +257,58 @@ def test_parameters_are_checked_before_anything_is_written(tmp_path):
     with pytest.raises(ValueError, match="finite"):
         generate(PENDULUM, tmp_path / "d", np.array([[np.nan, 0.0]]))
     assert list(tmp_path.iterdir()) == []
+
+
+# -- growth ------------------------------------------------------------------------------------------------------------
+
+
+def grown(path, *sizes, executor=None):
+    """A database that was made for the first of ``sizes`` instances and has grown to each of the others."""
+    p = sample(PENDULUM, 7, sizes[-1])
+    how = {"executor": executor or InProcess(), "seed": 3, "settings": SMALL}
+    return [generate(PENDULUM, path, p[:size], **how) for size in sizes][-1]
+
+
+@pytest.mark.parametrize("sizes", [(5, 12), (10, 15, 33), (25, 45)])
+def test_a_database_grows_by_as_many_solves_as_there_are_new_instances(tmp_path, unguarded, sizes):
+    *before, size = sizes
+    first = grown(tmp_path / "d", *before)
+    rows, executor = first.stored(slice(0, before[-1])), InProcess()
+    database = grown(tmp_path / "d", size, executor=executor)
+    assert sum(len(task.parameters) for task in executor.tasks) == size - before[-1]
+    assert (len(database), database.complete) == (size, True)
+    np.testing.assert_array_equal(database.parameters, sample(PENDULUM, 7, size))
+    for name, value in vars(database.stored(slice(0, before[-1]))).items():
+        np.testing.assert_array_equal(value, getattr(rows, name), err_msg=name)
+    assert len(database.samples()) == size
+    assert grown(tmp_path / "d", size, executor=Broken()).digest() == database.digest()  # nothing is left to solve
+
+
+def test_growth_at_whole_chunks_equals_a_generation_in_the_same_order_of_rows(tmp_path, unguarded):
+    database = grown(tmp_path / "grown", 20, 50, 60)
+    p, settings = sample(PENDULUM, 7, 60), {"seed": 3, **SMALL.record()}
+    order = np.argsort(database._row_of_index)
+    Database.create(tmp_path / "once", PENDULUM, p, order=order, settings=settings, chunk=SMALL.chunk)
+    assert grown(tmp_path / "once", 60).digest() == database.digest()
+    assert Database.open(tmp_path / "once").key != database.key
+
+
+def test_growth_depends_on_the_sizes_and_not_on_workers(tmp_path, unguarded):
+    with ThreadPoolExecutor(2) as threads:
+        digests = {grown(tmp_path / "threads", 15, 40, executor=threads).digest()}
+    digests |= {grown(tmp_path / "alone", 15, 40).digest(), grown(tmp_path / "steps", 15, 20, 40).digest()}
+    assert len(digests) == 2
+
+
+def test_only_a_database_whose_parameters_are_the_first_of_the_given_grows(tmp_path, unguarded):
+    path, p, how = tmp_path / "d", sample(PENDULUM, 7, 20), {"executor": InProcess(), "settings": SMALL}
+    generate(PENDULUM, path, p[:10], **how)
+    with pytest.raises(DatabaseError, match=r"holds 10 instances, of which the given 4 are the first; pass all"):
+        generate(PENDULUM, path, p[:4], **how)
+    with pytest.raises(DatabaseError, match=r"grows where the parameters begin with the 10 .* in the same order"):
+        generate(PENDULUM, path, p[::-1], **how)
+    unfinished = Database.create(tmp_path / "e", PENDULUM, p)
+    with pytest.raises(DatabaseError, match="is not finished and cannot grow"):
+        unfinished.grow(p[:1], [20])
+    with pytest.raises(ValueError, match="permutation of 10 … 11"):
+        Database.open(path).grow(p[:2], [0, 1])

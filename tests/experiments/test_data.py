@@ -18,7 +18,7 @@ from moe_policy.experiments.data_report import CostDifferences
 from moe_policy.experiments.figures.data import data_figure
 from moe_policy.experiments.figures.style import COLORS, STYLE
 from ocp_envs.data.database import Database
-from ocp_envs.data.layout import StoredRows
+from ocp_envs.data.layout import MISSING, StoredRows
 from ocp_envs.goal import Modes
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
@@ -62,7 +62,7 @@ def made_by_hand(path, failures=(0,) * 6, fallbacks=(0,) * 6, interrupted=True):
         cost[:, mode] = np.where(HAVE[:, mode], costs, np.inf)
         z[:, mode] = np.where(HAVE[:, mode, None], plan.flat(), np.nan)
     rows = StoredRows(
-        status=STATUS,
+        status=np.where((np.arange(6) == 3) & interrupted, np.int8(MISSING), STATUS),
         slot_status=np.where(HAVE, Status.SOLVED, Status.EMPTY).astype(np.int8),
         cost=cost,
         z=z,
@@ -75,8 +75,6 @@ def made_by_hand(path, failures=(0,) * 6, fallbacks=(0,) * 6, interrupted=True):
     database = Database.create(path, INTEGRATOR, parameters, order=order, chunk=1, settings={"margin": 0.1})
     for chunk in range(6):
         database.write(chunk, rows[order[[chunk]]])
-    if interrupted:
-        (path / "status" / "c" / str(list(order).index(3))).unlink()
     return Database.open(path, INTEGRATOR), cost
 
 
