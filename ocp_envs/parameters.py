@@ -52,7 +52,7 @@ class Parametrisation:
         return Box(tuple(c for c in self.box.coordinates if c.name not in self.states.names))
 
     @cached_property
-    def _slots(self) -> tuple[Ints, Ints, Ints]:
+    def slots(self) -> tuple[Ints, Ints, Ints]:
         """Components of p that are initial values, the state coordinates they belong to, and components of s."""
         names = self.states.names
         in_state = [i for i, name in enumerate(self.box.names) if name in names]
@@ -62,26 +62,26 @@ class Parametrisation:
 
     def start(self, p: Array) -> tuple[Array, Array]:
         """Initial states (B, nx) and contexts (B, nc) of parameters ``p`` (B, np)."""
-        in_state, slots, in_context = self._slots
+        in_state, slots, in_context = self.slots
         states = np.tile(self.rest, (len(p), 1))
         states[:, slots] = p[:, in_state]
         return states, np.ascontiguousarray(p[:, in_context])
 
     def parameters_of(self, states: Array, contexts: Array) -> Array:
         """Parameters (B, np) with the initial states ``states`` (B, nx) and the contexts ``contexts`` (B, nc)."""
-        in_state, slots, in_context = self._slots
+        in_state, slots, in_context = self.slots
         p = np.empty((len(states), len(self.box)))
         p[:, in_state] = states[:, slots]
         p[:, in_context] = contexts
         return p
 
     @cached_property
-    def _turn(self) -> tuple[Array, Array, Array]:
+    def turn(self) -> tuple[Array, Array, Array]:
         """Period, first value and end of the turn around the centre of each component of p, (np,) each.
 
         The period of an initial value is that of its state coordinate. Without a period there is no end.
         """
-        in_state, slots, _ = self._slots
+        in_state, slots, _ = self.slots
         periods = self.box.periods.copy()
         periods[in_state] = self.states.periods[slots]
         endless = np.where(periods > 0, 0.0, np.inf)
@@ -94,18 +94,18 @@ class Parametrisation:
         Angles that are in that turn already are not changed by a bit. The second array, (B, nx), holds the whole turns
         in the units of the states: what is added to states of the first to obtain those of ``p`` as it was written.
         """
-        periods, first, end = self._turn
+        periods, first, end = self.turn
         turns = np.zeros((len(p), len(self.states)))
-        away = (p < first) | (p >= end)
-        if not away.any():
+        here = (p >= first) & (p < end)
+        if here.all():
             return p, turns
         columns = periods > 0
         within = p.copy()
         low, period = self.box.centre[columns] - periods[columns] / 2, periods[columns]
         turned = low + np.mod(p[:, columns] - low, period)
         turned = np.where(turned >= end[columns], turned - period, turned)
-        within[:, columns] = np.where(away[:, columns], turned, p[:, columns])
-        in_state, slots, _ = self._slots
+        within[:, columns] = np.where(here[:, columns], p[:, columns], turned)
+        in_state, slots, _ = self.slots
         turns[:, slots] = (p - within)[:, in_state]
         return within, turns
 
@@ -127,10 +127,10 @@ class Parametrisation:
         if not np.isfinite(array).all():
             row = int(np.flatnonzero(~np.isfinite(array).all(axis=1))[0])
             raise ValueError(f"{self.owner}: parameters must be finite; row {row} is {array[row]}")
-        outside = ~self.box.contains(array, BOX_TOLERANCE)
-        if outside.any() and not extrapolate:
-            outside = ~self.box.contains(self.in_one_turn(array)[0], BOX_TOLERANCE)
-        if outside.any() and not extrapolate:
+        if extrapolate or self.box.contains(array, BOX_TOLERANCE).all():
+            return array
+        outside = ~self.box.contains(self.in_one_turn(array)[0], BOX_TOLERANCE)
+        if outside.any():
             row = int(np.flatnonzero(outside)[0])
             raise OutsideBoxError(
                 f"{self.owner}: parameters {array[row]} (row {row}, {int(outside.sum())} of {len(array)} rows) lie "

@@ -50,7 +50,7 @@ class Checkpoint:
         if not self.path.exists():
             return None
         try:
-            record = torch.load(self.path, weights_only=True)
+            record = torch.load(self.path, map_location="cpu", weights_only=True)
             identity, state = record["identity"], record["state"]
         except (OSError, RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError, zipfile.BadZipFile) as e:
             raise CheckpointError(f"{self.path} is damaged, or not a checkpoint; delete it to begin again") from e

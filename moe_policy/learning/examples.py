@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from moe_policy.planners.calculation import planning
 from ocp_envs.support.arrays import Bools, Ints
 
 #: (inputs, wanted outputs, epoch) → mean loss of the batch.
@@ -75,7 +76,7 @@ class Examples:
     def test_loss(self, loss: Loss, epoch: int = 0) -> float:
         """Mean of ``loss`` at ``epoch`` over the test split, without gradients."""
         (x, y), total = self.tensors, 0.0
-        with torch.no_grad():
+        with planning():
             for rows in torch.from_numpy(self.split.test).split(_BLOCK):
                 total += float(loss(x[rows], y[rows], epoch)) * len(rows)
         return total / len(self.split.test)

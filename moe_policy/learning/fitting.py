@@ -18,6 +18,8 @@ from torch import Tensor
 from moe_policy.learning.checkpoint import Checkpoint, State, identify
 from moe_policy.learning.examples import Examples, Loss
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.planners import calculation
+from moe_policy.planners.calculation import DEVICE, DTYPE
 from moe_policy.planners.record import PartReport
 from ocp_envs.support.progress import Progress
 
@@ -58,8 +60,8 @@ class Objective:
         """Take the steps of ``optimiser`` in ``epoch`` (from 0); the mean training loss on the way."""
         x, y = self.examples.tensors
         training = torch.from_numpy(self.examples.split.training)
-        order = training[torch.randperm(len(training), generator=self.order)]
-        total = torch.zeros(())
+        order = training[torch.randperm(len(training), generator=self.order, device=DEVICE)]
+        total = torch.zeros((), dtype=DTYPE, device=DEVICE)
         for rows in order.split(self.batch):  # not x[order]: that would be a copy of all
             value = self.loss(x[rows], y[rows], epoch)
             optimiser.zero_grad(set_to_none=True)
@@ -150,6 +152,7 @@ class Minimisation:
         )
 
 
+@calculation.training()
 def minimise(objective: Objective, checkpoint: Path | None = None, progress: bool | None = None) -> PartReport:
     """Minimise ``objective``, whose parameters hold the best weights afterwards. Its state is written to the file
     ``checkpoint`` every minute and at the end; where that exists, the minimisation continues from it and ends with the

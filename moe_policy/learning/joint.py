@@ -22,6 +22,7 @@ from moe_policy.learning.fitting import Objective, minimise
 from moe_policy.learning.parts import FIRST_EXPERT, GATE, batch_order, initial_network
 from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import DEFAULT, DEFAULT_ANNEALING, Annealing, TrainingSettings
+from moe_policy.planners.calculation import DEVICE, DTYPE, training
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Argmax, Mixing, MixtureOfExperts, Softmax
 from moe_policy.planners.record import PartReport
@@ -102,7 +103,8 @@ def retrain(
     if problem.fingerprint != planner.problem.fingerprint:
         raise ValueError(f"the planner is for {planner.problem.id}, the samples of {problem.id} or of a variant of it")
     data = Prepared.of(database, settings, seed, (planner.inputs, planner.outputs), checkpoints)
-    network = copy.deepcopy(planner.network)
+    with training():  # copies that can be trained
+        network = copy.deepcopy(planner.network).to(DEVICE, DTYPE)
     report = _fit(data, network, lambda epoch: mixing)
     default = f"softmax-{mixing.epsilon:g}" if isinstance(mixing, Softmax) else "argmax"
     pretraining = dict(planner.details)

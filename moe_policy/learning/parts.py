@@ -17,6 +17,7 @@ from torch.nn import functional as F
 from moe_policy.learning.examples import Examples
 from moe_policy.learning.fitting import Objective, minimise
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.planners.calculation import DEVICE
 from moe_policy.planners.networks import SingleNetwork
 from moe_policy.planners.record import PartReport
 from ocp_envs.support.progress import track
@@ -31,7 +32,7 @@ _Weights = dict[str, NDArray[np.float32]]
 
 def _generator(seed: int, stream: int, purpose: int) -> torch.Generator:
     state = int(np.random.SeedSequence((seed, 1, stream, purpose)).generate_state(1, np.uint64)[0])
-    return torch.Generator().manual_seed(state)
+    return torch.Generator(DEVICE).manual_seed(state)
 
 
 def initial_network(sizes: Sequence[int], seed: int, stream: int) -> SingleNetwork:

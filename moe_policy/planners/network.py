@@ -16,6 +16,8 @@ import torch
 from numpy.typing import ArrayLike
 
 from moe_policy.model_files import Json, ModelFile, write_model
+from moe_policy.planners.calculation import planning
+from moe_policy.planners.graph import PlannerModule
 from moe_policy.planners.networks import (
     ARGMAX,
     Mixing,
@@ -23,6 +25,7 @@ from moe_policy.planners.networks import (
     Network,
     SingleNetwork,
     Softmax,
+    check_mixing,
     count_parameters,
     outputs_of,
 )
@@ -61,6 +64,7 @@ class NetworkPlanner:
         # The experts of a mixture have the same inputs and outputs.
         experts = self.network.experts if isinstance(self.network, MixtureOfExperts) else [self.network]
         sizes = cast(SingleNetwork, experts[0]).sizes
+        check_mixing(self.mixing)
         networks, scalers = (sizes[0], sizes[-1]), (len(self.inputs), len(self.outputs))
         expected = (len(self.problem.parameters), self.problem.flat_size)
         if not networks == scalers == expected:
@@ -70,10 +74,11 @@ class NetworkPlanner:
     def _scaled(self, p: ArrayLike) -> tuple[torch.Tensor, Array]:
         """Inputs (B, np) of the network, and the whole turns (B, nx) from its plans to those of ``p``."""
         within, turns = self.problem.in_one_turn(p)
-        return torch.from_numpy(self.inputs.scale(within).astype(np.float32)), turns
+        weight = self._first.weights[0]
+        return torch.from_numpy(self.inputs.scale(within)).to(weight.device, weight.dtype), turns
 
     def _trajectory(self, outputs: torch.Tensor, turns: Array) -> Trajectory:
-        return self.problem.unflatten(self.outputs.unscale(outputs.numpy())).shifted(turns)
+        return self.problem.unflatten(self.outputs.unscale(outputs.to("cpu", torch.float64).numpy())).shifted(turns)
 
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), which must be finite; outside their box they are extrapolated.
@@ -81,8 +86,13 @@ class NetworkPlanner:
         The angles of p may be written in any turn; a plan begins in the turn of its p.
         """
         x, turns = self._scaled(p)
-        with torch.inference_mode():
+        with planning(x.device):
             return self._trajectory(outputs_of(self.network, x, self.mixing), turns)
+
+    @property
+    def _first(self) -> SingleNetwork:
+        """The network that sees the inputs first."""
+        return self.network.gate if isinstance(self.network, MixtureOfExperts) else self.network
 
     @property
     def _mixture(self) -> MixtureOfExperts:
@@ -93,14 +103,14 @@ class NetworkPlanner:
     def gate(self, p: ArrayLike) -> tuple[Ints, Array]:
         """The chosen expert (B,) of parameters ``p``, and the gate's probabilities softmax(c) (B, r)."""
         x, _ = self._scaled(p)
-        with torch.inference_mode():
-            logits = self._mixture.gate(x)
+        with planning(x.device):
+            logits = self._mixture.gate(x).cpu()
             return logits.argmax(dim=1).numpy(), torch.softmax(logits.double(), dim=1).numpy()
 
     def experts(self, p: ArrayLike) -> tuple[Trajectory, ...]:
         """The plans of every expert for parameters ``p``, r batches of B."""
         x, turns = self._scaled(p)
-        with torch.inference_mode():
+        with planning(x.device):
             return tuple(self._trajectory(outputs, turns) for outputs in self._mixture.all_experts(x))
 
     def expert_planners(self) -> tuple[NetworkPlanner, ...]:
@@ -114,6 +124,14 @@ class NetworkPlanner:
             NetworkPlanner(self.problem, f"{self.name}, expert {i}", expert, self.inputs, self.outputs)
             for i, expert in enumerate(experts)
         )
+
+    def module(self) -> PlannerModule:
+        """This planner as a PyTorch module from p (B, np) to flat plans (B, flat_size), for export.
+
+        Its graph, recorded by ``torch.export``, ``torch.onnx`` or ``torch.jit.trace``, is right for every p and every
+        batch size; that of a mixture evaluates all experts.
+        """
+        return PlannerModule(self).eval()
 
     @property
     def parameters_total(self) -> int:
@@ -134,7 +152,7 @@ class NetworkPlanner:
             sizes: Json = {"gate": network.gate.sizes, "experts": [e.sizes for e in network.experts]}
         else:
             sizes = {"single": network.sizes}
-        tensors = {f"network.{key}": value.numpy() for key, value in network.state_dict().items()}
+        tensors = {f"network.{key}": value.detach().cpu().numpy() for key, value in network.state_dict().items()}
         for name, scaler in (("inputs", self.inputs), ("outputs", self.outputs)):
             tensors |= {f"{name}.mean": np.asarray(scaler.mean), f"{name}.std": np.asarray(scaler.std)}
         description = {

@@ -4,6 +4,9 @@ A single network is a multilayer perceptron with LeakyReLU(0.2) between its laye
 experts (Tang & Hauser, section III-C) has a gate c(p) ∈ ℝ^r and regressors y_i(p):
 
     z(p) = Σ_i P_i(p) y_i(p),   P = softmax(c / ε)   or, in the limit ε → 0,   P_i = 1 for i = argmax c, else 0
+
+With argmax each input goes through the chosen expert alone. A graph cannot be chosen by values: where one is recorded
+(``torch.export``, ``torch.onnx.export``, ``torch.jit.trace``) all experts are evaluated, and one output is selected.
 """
 
 from __future__ import annotations
@@ -11,10 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
+
+from moe_policy.planners.calculation import DEVICE, DTYPE
 
 NEGATIVE_SLOPE = 0.2
 
@@ -39,6 +45,12 @@ Mixing = Argmax | Softmax
 ARGMAX = Argmax()
 
 
+def check_mixing(mixing: object) -> None:
+    """Refuse with a TypeError what is neither ``Argmax()`` nor ``Softmax(ε)``."""
+    if not isinstance(mixing, (Argmax, Softmax)):
+        raise TypeError(f"expected Argmax() or Softmax(epsilon) of moe_policy as mixing, got {mixing!r}")
+
+
 class SingleNetwork(nn.Module):
     """A multilayer perceptron.
 
@@ -58,10 +70,11 @@ class SingleNetwork(nn.Module):
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:]):
             bound = 1 / math.sqrt(inputs)
             for parameters, shape in ((self.weights, (outputs, inputs)), (self.biases, (outputs,))):
-                values = torch.zeros(shape)
-                parameters.append(
-                    nn.Parameter(values.uniform_(-bound, bound, generator=generator) if generator else values)
-                )
+                with torch.inference_mode(False):  # such parameters can be trained later
+                    values = torch.zeros(shape, dtype=DTYPE, device=DEVICE)
+                    if generator is not None:
+                        values.uniform_(-bound, bound, generator=generator)
+                    parameters.append(nn.Parameter(values))
 
     def forward(self, x: Tensor) -> Tensor:
         """Outputs (B, sizes[-1]) of inputs ``x`` (B, sizes[0])."""
@@ -85,20 +98,34 @@ class MixtureOfExperts(nn.Module):
             raise ValueError(f"gate {gate.sizes} and experts {sizes} must share their inputs, experts their outputs")
         self.gate = gate
         self.experts = nn.ModuleList(experts)
+        self.outputs = experts[0].sizes[-1]
 
     def forward(self, x: Tensor, mixing: Mixing) -> Tensor:
         """Outputs (B, R) of inputs ``x`` (B, inputs), combined by ``mixing``."""
-        logits = self.gate(x)
+        check_mixing(mixing)
+        if isinstance(mixing, Softmax) or torch.compiler.is_exporting() or torch.jit.is_tracing():
+            return self.from_all_experts(x, mixing)
+        return self._from_chosen_experts(x, self.gate(x).argmax(dim=1))
+
+    def from_all_experts(self, x: Tensor, mixing: Mixing) -> Tensor:
+        """:meth:`forward` of ``x`` and ``mixing`` by a calculation that does not depend on the values of ``x``: all
+        experts are evaluated.
+        """
+        logits, outputs = self.gate(x), self.all_experts(x)
         if isinstance(mixing, Softmax):
             probabilities = torch.softmax(logits / mixing.epsilon, dim=1)
-            return torch.einsum("bk,kbr->br", probabilities, self.all_experts(x))
-        choice = logits.argmax(dim=1)
-        outputs = x.new_zeros(len(x), self.experts[0].sizes[-1])  # type: ignore[index, arg-type]
-        for i, expert in enumerate(self.experts):
-            rows = (choice == i).nonzero(as_tuple=True)[0]
-            if len(rows):
-                outputs = outputs.index_copy(0, rows, expert(x[rows]))
-        return outputs
+            return torch.einsum("bk,kbr->br", probabilities, outputs)
+        choice = logits.argmax(dim=1)[None, :, None]
+        return outputs.gather(0, choice.expand(1, -1, self.outputs))[0]
+
+    def _from_chosen_experts(self, x: Tensor, choice: Tensor) -> Tensor:
+        """Outputs (B, R) of the expert ``choice`` (B,) of each input ``x``, from that expert alone."""
+        if len(x) == 1:
+            return cast(Tensor, self.experts[int(choice)](x))
+        sizes = torch.bincount(choice, minlength=len(self.experts)).tolist()
+        order = choice.argsort(stable=True)
+        parts = [expert(part) for expert, part in zip(self.experts, x[order].split(sizes)) if len(part)]
+        return torch.cat(parts)[order.argsort()] if parts else x.new_zeros(0, self.outputs)
 
     def all_experts(self, x: Tensor) -> Tensor:
         """Predictions of every expert, (r, B, R), of inputs ``x`` (B, inputs)."""

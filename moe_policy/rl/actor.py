@@ -22,6 +22,7 @@ from torch import Tensor, nn
 
 from moe_policy.control.observations import beginning, shaped_as
 from moe_policy.model_files import ModelFile, write_model
+from moe_policy.planners.calculation import DEVICE, DTYPE, planning
 from moe_policy.rl.features import Actions, Features
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
@@ -48,7 +49,9 @@ class Actor(nn.Module):
                 f"{sorted(SQUASHES)}; got {list(sizes)}, {activation!r}, {squash!r}"
             )
         self.sizes, self.activation, self.squash = tuple(int(n) for n in sizes), activation, squash
-        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in zip(self.sizes[:-1], self.sizes[1:]))
+        self.layers = nn.ModuleList(
+            nn.Linear(a, b, device=DEVICE, dtype=DTYPE) for a, b in zip(self.sizes[:-1], self.sizes[1:])
+        )
         self._hidden, self._last = ACTIVATIONS[activation](), SQUASHES[squash]()
 
     def forward(self, features: Tensor) -> Tensor:
@@ -121,7 +124,7 @@ class LearnedPolicy:
 
     def controls(self, observation: ArrayLike) -> Array:
         """Controls (B, nu) that the actor decides at an ``observation`` (B, nx + nc)."""
-        with torch.no_grad():
+        with planning():
             actions = self.actor(torch.from_numpy(self._features(observation)))
         return self._actions.controls(actions.numpy())
 

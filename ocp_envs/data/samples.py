@@ -68,15 +68,16 @@ class Samples(Batch):
 
     def in_one_turn(self) -> Samples:
         """The same instances with the angles of their parameters in the turn around the centre of the box, where
-        planners look for them: these samples themselves where all angles are there already.
+        planners look for them: these samples themselves where all are in the box already.
 
         Trajectories are turned as well, and families found anew; costs of all families of a turned sample are unknown.
         """
         within, turns = self.problem.in_one_turn(self.parameters)
-        turned = (within != self.parameters).any(axis=1)
+        turned = (within != self.parameters).any(axis=1) & ~self.problem.parameters.contains(self.parameters)
         if not turned.any():
             return self
-        trajectory = self.trajectory.shifted(-turns)
+        within = np.where(turned[:, None], within, self.parameters)
+        trajectory = self.trajectory.shifted(-turns * turned[:, None])
         mode, costs = np.array(self.mode), np.array(self.mode_costs)
         mode[turned] = self.problem.modes.classify(
             self.problem, within[turned], trajectory[turned], self.multipliers[turned]

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from moe_policy.learning.architectures import PAPER_SIZES, Architecture, Experts, architecture_of, layer_sizes
-from moe_policy.planners.networks import ARGMAX, MixtureOfExperts, SingleNetwork, Softmax, count_parameters
+from moe_policy.planners.networks import ARGMAX, Argmax, MixtureOfExperts, SingleNetwork, Softmax, count_parameters
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 
@@ -118,3 +118,15 @@ def test_sizes_of_the_paper():
 def test_empty_layers_are_refused():
     with pytest.raises(ValueError, match="at least one unit"):
         Architecture((10,), (0,), Experts((10,), (10,)))
+
+
+@pytest.mark.parametrize("mixing", ["softmax", 0.1, None, Softmax, Argmax])
+def test_what_is_no_mixing_is_refused(mixing):
+    with pytest.raises(TypeError, match=r"expected Argmax\(\) or Softmax\(epsilon\) .* as mixing, got"):
+        mixture()(points(), mixing)
+
+
+def test_all_experts_give_what_the_chosen_one_gives():
+    network, x = mixture(), points()
+    for mixing in (ARGMAX, Softmax(0.5)):
+        torch.testing.assert_close(network.from_all_experts(x, mixing), network(x, mixing))

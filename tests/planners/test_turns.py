@@ -125,3 +125,9 @@ def test_samples_in_another_turn_are_those_of_the_same_instances():
     np.testing.assert_allclose(there.trajectory.flat(), SAMPLES.trajectory.flat(), atol=1e-13)
     np.testing.assert_array_equal(there.mode, SAMPLES.mode)
     assert SAMPLES.in_one_turn() is SAMPLES
+
+
+def test_samples_at_both_ends_of_the_box_stay():
+    """A grid over the box has them: the same states, with optimal trajectories that begin at either end."""
+    both = dataclasses.replace(SAMPLES[:2], parameters=PENDULUM.parameters.lower + np.array([[0.0, 1.0], [TURN, 1.0]]))
+    assert both.in_one_turn() is both
