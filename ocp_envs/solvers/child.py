@@ -21,8 +21,8 @@ from typing import BinaryIO, Protocol
 
 from ocp_envs.solvers import cpu_limit
 from ocp_envs.solvers.channel import Channel, Gone, Silent
-from ocp_envs.solvers.compilation import cure
 from ocp_envs.solvers.cpu_limit import Limits
+from ocp_envs.solvers.libraries import cure
 from ocp_envs.solvers.nlp import Result, SolverSettings, Task
 from ocp_envs.solvers.transcription import Transcription
 

@@ -106,7 +106,10 @@ class Result(NamedTuple):
 
     @classmethod
     def failed(cls, status: Status, transcription: Transcription, fallback: bool, seconds: float) -> Result:
-        """The result of a solve of ``transcription`` that left nothing behind but how it ended."""
+        """The result of a solve of ``transcription`` of which only how it ended is known.
+
+        This is its ``status``, whether the ``fallback`` solver was used, and its ``seconds``.
+        """
         w, multipliers = np.full(transcription.lower.shape, np.nan), np.full(transcription.clearance_rows.shape, np.nan)
         return cls(status, w, np.nan, multipliers, 0, fallback, seconds)
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from ocp_envs.solvers import compilation
-from ocp_envs.solvers.compilation import CompiledNotAvailable, build_solver, cache_folder, find_compiler
+from ocp_envs.solvers.compilation import CompiledNotAvailable, build_solver, find_compiler
 from ocp_envs.solvers.guesses import guesses
+from ocp_envs.solvers.libraries import UntrustedLibrary, forget, trusted_library
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.transcription import transcribe
 from tests.in_process import Solver
@@ -61,13 +62,6 @@ def test_another_program_or_solver_is_another_library(folder):
     assert len(libraries(folder)) == 2
 
 
-@pytest.mark.skipif(not hasattr(os, "getuid"), reason="POSIX permissions")
-def test_folder_is_private(folder):
-    folder.mkdir(mode=0o755)
-    assert cache_folder() == folder
-    assert folder.stat().st_mode & 0o077 == 0
-
-
 def test_without_a_compiler_one_warning_and_a_solution(monkeypatch):
     monkeypatch.setenv("PATH", "")
     monkeypatch.delenv("CC", raising=False)
@@ -100,13 +94,26 @@ def test_a_library_that_does_not_load_is_replaced(folder):
     program = transcribe(DOUBLE_INTEGRATOR).nlp
     build_solver("ipopt", program, OPTIONS)
     (name,) = libraries(folder)
-    (folder / name).unlink()
-    (folder / name).write_bytes(b"not a library")
+    forget(folder / name)
+    trusted_library(name.removesuffix(".so"), lambda: b"not a library")  # as a compiler for another machine makes it
     with pytest.warns(CompiledNotAvailable, match="does not load"):
         build_solver("ipopt", program, OPTIONS)
     assert libraries(folder) == []
     build_solver("ipopt", program, OPTIONS)
     assert libraries(folder) == [name]
+
+
+@needs_compiler
+def test_a_truncated_library_is_built_again_and_never_loaded(folder):
+    """Loaded, it would end the process with SIGBUS."""
+    program = transcribe(DOUBLE_INTEGRATOR).nlp
+    build_solver("ipopt", program, OPTIONS)
+    (name,) = libraries(folder)
+    size = (folder / name).stat().st_size
+    os.truncate(folder / name, 5000)
+    with pytest.warns(UntrustedLibrary, match="is damaged"):
+        build_solver("ipopt", program, OPTIONS)
+    assert (folder / name).stat().st_size == size
 
 
 def test_a_folder_that_cannot_be_used(monkeypatch, tmp_path):
