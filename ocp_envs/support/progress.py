@@ -7,6 +7,7 @@ for them (:func:`show`).
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from types import TracebackType
@@ -92,32 +93,49 @@ def track(
 
 
 class _Lines:
-    """Progress as lines on standard error."""
+    """Progress as lines on standard error, which a thread writes: a piece of work may take more than a minute."""
 
     def __init__(self, total: int, unit: str, label: str, initial: int) -> None:
-        self._total, self._unit, self._label = total, unit, label
-        self._initial = self._done = self._written = initial
-        self._facts: dict[str, object] = {}
-        self._began = self._last = time.monotonic()
+        self._total, self._unit, self._label, self._initial = total, unit, label, initial
+        self._done, self._facts, self._told = initial, dict[str, object](), -1
+        self._began, self._ended = time.monotonic(), threading.Event()
+        threading.Thread(target=self._tell, name="progress", daemon=True).start()
 
     def update(self, count: int, facts: dict[str, object]) -> None:
+        self._facts = self._facts | facts
         self._done += count
-        self._facts |= facts
-        if (now := time.monotonic()) - self._last >= INTERVAL:
-            self._write(now)
 
     def close(self) -> None:
-        if self._last > self._began and self._done > self._written:
-            self._write(time.monotonic())
+        self._ended.set()
+        if 0 <= self._told < self._done:
+            self._write()
 
-    def _write(self, now: float) -> None:
-        self._last, self._written = now, self._done
-        new, elapsed = self._done - self._initial, now - self._began
-        told = [f"{self._done:,} of {self._total:,} {self._unit}s", f"{duration(elapsed)} so far"]
-        if new:
-            told += [rate(new / elapsed, self._unit), f"{duration((self._total - self._done) * elapsed / new)} left"]
-        told += [f"{name} {value}" for name, value in self._facts.items()]
-        print(f"{self._label}: {', '.join(told)}", file=sys.stderr, flush=True)
+    def _tell(self) -> None:
+        while not self._ended.wait(INTERVAL):
+            self._write()
+
+    def _write(self) -> None:
+        self._told, elapsed = self._done, time.monotonic() - self._began
+        words = describe(self._told, self._total, self._unit, elapsed, self._initial)
+        told = ", ".join([words, *(f"{name} {value}" for name, value in self._facts.items())])
+        sys.stderr.write(f"{self._label}: {told}\n")
+        sys.stderr.flush()
+
+
+def describe(done: int, total: int, unit: str, elapsed: float, initial: int = 0) -> str:
+    """Progress in words: how much is done, since when, how fast, and how much time is left.
+
+    Args:
+        done: number of pieces that are done.
+        total: number of all pieces.
+        unit: what one of them is.
+        elapsed: time since this run began, in seconds.
+        initial: number of pieces that were done before it.
+    """
+    told, new = [f"{done:,} of {total:,} {unit}s", f"{duration(elapsed)} so far"], done - initial
+    if new:
+        told += [rate(new / elapsed, unit), f"{duration((total - done) * elapsed / new)} left"]
+    return ", ".join(told)
 
 
 def rate(per_second: float, unit: str) -> str:
