@@ -102,16 +102,19 @@ def shipped_planners(
     return tuple(rows)
 
 
-def tracked_optimum(problem: OptimalControlProblem, cases: ReferenceSet) -> Level:
-    """The optimal trajectories, tracked, from those of ``cases`` that the solver solves."""
-    trajectories, costs = solve_all(problem, cases.parameters, keep=cli.DATA / "optimal" / problem.id)
+def tracked_optimum(problem: OptimalControlProblem, cases: ReferenceSet, data: Path) -> Level:
+    """The optimal trajectories, tracked, from those of ``cases`` that are solved; they are kept in ``data``."""
+    trajectories, costs = solve_all(problem, cases.parameters, keep=data / "optimal" / problem.id)
     known = cases[np.isfinite(costs)]
     method = Method("optimal", StoredPlans(cases.parameters, trajectories))
     return Level(name="optimal, tracked", cases=len(known), development=on_development(problem, method, known))
 
 
-def compare(problem: OptimalControlProblem, sources: Sources, count: int | None) -> Budgets:
-    """The record of ``problem``, with planners evaluated from the first ``count`` development parameters, or all."""
+def compare(problem: OptimalControlProblem, sources: Sources, count: int | None, data: Path) -> Budgets:
+    """The record of ``problem``, with planners evaluated from the first ``count`` development parameters, or all.
+
+    Solutions are kept in the folder ``data``.
+    """
     development, validation = (reference.load(problem, name) for name in ("development", "validation"))
     cli.at_most(count, len(development), "development parameters")
     cases, benchmark = development[:count], benchmark_of(problem)
@@ -130,17 +133,18 @@ def compare(problem: OptimalControlProblem, sources: Sources, count: int | None)
         generation=sources.effort,
         planners=planner_rows(problem, sources.trained, sources.effort, compared, len(validation)),
         shipped=shipped_planners(problem, sources.effort, cases),
-        levels=(tracked_optimum(problem, cases),),
+        levels=(tracked_optimum(problem, cases, data),),
         provenance=provenance(),
     ).with_rows()
 
 
 def main() -> None:
-    parser = cli.parser(__doc__, cases="development parameters from which planners run")
+    parser = cli.parser(__doc__, data=True, cases="development parameters from which planners run")
     parser.add_argument("--records", metavar="FOLDER", type=Path, default=cli.RECORDS, help="records that are read")
     arguments = parser.parse()
     cli.threads()
-    record = compare(arguments.problem, Sources.read(arguments.records, arguments.problem), arguments.cases)
+    sources = Sources.read(arguments.records, arguments.problem)
+    record = compare(arguments.problem, sources, arguments.cases, arguments.data)
     budgets_figure(cli.publish(arguments, f"budgets_{record.env_id}", record).with_suffix(".png"), record)
     cli.say(text_table(record.rows, BUDGET_COLUMNS))
     for what, why in record.not_attempted.items():

@@ -45,31 +45,36 @@ from ocp_envs.sets import reference
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.pool import WorkerPool
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance
 
 
-def generated(problem: OptimalControlProblem, folder: Path) -> dict[str, ocp_envs.Database]:
+def generated(problem: OptimalControlProblem, folder: Path, workers: int | None) -> dict[str, ocp_envs.Database]:
     """The databases of all splits by name, generated unless they are in ``folder``."""
     databases = {}
     for name in sets_of(problem).splits:
         split, began = sets_of(problem).split(name), time.perf_counter()
         p = split.parameters(problem)
         databases[name] = ocp_envs.generate(
-            problem, folder / f"{name}.zarr", p, seed=split.seed, settings=split.settings
+            problem, folder / f"{name}.zarr", p, workers=workers, seed=split.seed, settings=split.settings
         )
         cli.say(f"{name} set: {len(p)} instances, {time.perf_counter() - began:.0f} s")
     return databases
 
 
 def trained(
-    problem: OptimalControlProblem, databases: dict[str, ocp_envs.Database], folder: Path, seed: int
+    problem: OptimalControlProblem,
+    databases: dict[str, ocp_envs.Database],
+    folder: Path,
+    seed: int,
+    workers: int | None,
 ) -> list[Method]:
     """The nearest neighbour, the compared networks and the short learners, trained now and saved in ``folder``."""
     benchmark, training = benchmark_of(problem), databases["training"]
     samples = training.samples(training.first(benchmark.training.instances))
     methods = [Method("nearest", NearestPlanner(samples), solutions(len(samples)))]
     for name in benchmark.planners.compared:
-        with WorkerPool() as pool:
+        with WorkerPool(workers) as pool:
             made = recipes.make(name, samples, settings=benchmark.training.settings, seed=seed, executor=pool)
         planner = cast(NetworkPlanner, made)
         planner.save(folder / name)
@@ -85,17 +90,23 @@ def trained(
 
 
 def compare(
-    problem: OptimalControlProblem, methods: list[Method], parameters: Array, costs: Array
+    problem: OptimalControlProblem,
+    methods: list[Method],
+    parameters: Array,
+    costs: Array,
+    data: Path,
+    workers: int | None,
 ) -> tuple[CostDifference, list[ComparisonRow], dict[str, Episodes]]:
     """How far optimal costs are from the reference ``costs`` (B,), the rows of all methods, and their episodes by name.
 
     The optimum comes first, then ``methods``, their variants and the regulator.
     """
-    optimum = track_optimum(problem, parameters, costs, methods, cli.DATA / "optimal" / problem.id)
+    optimum = track_optimum(problem, parameters, costs, methods, data / "optimal" / problem.id, workers)
     difference, solved = CostDifference.of(optimum.costs, costs), int(np.isfinite(optimum.costs).sum())
     cli.say(f"optimal trajectories: {solved} solved; {difference.within} at the reference cost within 0.1 %")
     rows, episodes = [optimum.row], {"optimal": optimum.episodes}
-    for method in [*methods, *variants(problem, methods), *stabiliser(problem)]:
+    others = [*methods, *variants(problem, methods), *stabiliser(problem)]
+    for method in track(others, len(others), unit="method", label=problem.id, leave=False):
         row, episodes[method.name] = run(
             problem, method, parameters, optimal=optimum.trajectories, baseline=optimum.baseline
         )
@@ -105,28 +116,30 @@ def compare(
 
 
 def main() -> None:
-    parser = cli.parser(__doc__, seed=0, cases="validation instances")
+    parser = cli.parser(__doc__, data=True, workers=True, seed=0, cases="validation instances")
     parser.add_argument("--train", action="store_true", help="make data and models from nothing")
     arguments = parser.parse()
     cli.threads()
     began, problem = time.perf_counter(), arguments.problem
     if arguments.train:
+        cli.at_most(arguments.cases, len(sets_of(problem).validation), "validation instances")
         if benchmark_of(problem).learners.short:
             cli.need("stable_baselines3")
-        folder = cli.DATA / "compare" / problem.id
-        databases = generated(problem, folder)
-        methods = trained(problem, databases, folder, arguments.seed)
+        folder = arguments.data / "compare" / problem.id
+        databases = generated(problem, folder, arguments.workers)
+        methods = trained(problem, databases, folder, arguments.seed, arguments.workers)
         parameters, costs = databases["validation"].parameters, databases["validation"].costs().min(axis=1)
     else:
-        methods = shipped(problem, cli.RECORDS)
+        validation = reference.load(problem, "validation")
+        cli.at_most(arguments.cases, len(validation), "validation instances")
+        if not (methods := shipped(problem, cli.RECORDS)):
+            raise SystemExit(f"no models of {problem.id} are shipped; --train makes some")
         for name in set(benchmark_of(problem).learners.settings) - set(moe_policy.available(problem.id)):
             cli.say(f"{name} is not shipped for {problem.id}; scripts/train_rl.py trains it")
-        validation = reference.load(problem, "validation")
         parameters, costs = validation.parameters, validation.cost
-    cli.at_most(arguments.cases, len(parameters), "validation instances")
     parameters, costs = parameters[: arguments.cases], costs[: arguments.cases]
     cli.say(f"{len(parameters)} initial conditions of {problem.id}")
-    difference, rows, episodes = compare(problem, methods, parameters, costs)
+    difference, rows, episodes = compare(problem, methods, parameters, costs, arguments.data, arguments.workers)
     record = Comparison(
         env_id=problem.id,
         cases=len(parameters),

@@ -99,7 +99,7 @@ def compare(
 ) -> Robustness:
     """The record of all methods on all plants, from ``parameters`` (B, np); ``data``: where outcomes are stored."""
     perturbations = benchmark_of(problem).perturbations
-    flat = solve_all(problem, parameters, keep=data / "optimal" / problem.id)[0].flat()
+    flat = solve_all(problem, parameters, keep=data / "optimal" / problem.id, workers=workers)[0].flat()
     same, folder = identity(problem, parameters, flat, seed), data / "robustness" / problem.id
     plants = {(p.name, level): p.arguments(problem, level, DT) for p in perturbations for level in p.levels}
     paths = {key: folder / f"{plant_key(same, plant)}.json" for key, plant in plants.items()}

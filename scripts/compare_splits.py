@@ -14,6 +14,7 @@ that ``scripts/compare_training.py`` trained with several seeds, all with equal 
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -45,6 +46,7 @@ from ocp_envs.sets import reference
 from ocp_envs.sets.discontinuity import discontinuity_of
 from ocp_envs.sets.reference import ReferenceSet
 from ocp_envs.sets.splits import sets_of
+from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance
 
 
@@ -65,18 +67,22 @@ def compare_on(
     networks: Mapping[Run, NetworkPlanner],
     split: str,
     cases: ReferenceSet,
+    data: Path,
 ) -> Outcome:
-    """The optimum, all ``methods`` and the ``networks`` of several seeds on the ``cases`` of one ``split``."""
+    """The optimum, all ``methods`` and the ``networks`` of several seeds on the ``cases`` of one ``split``.
+
+    Solutions are kept in the folder ``data``.
+    """
     p = cases.parameters
-    optimum = track_optimum(problem, p, cases.cost, methods, cli.DATA / "optimal" / problem.id)
+    optimum = track_optimum(problem, p, cases.cost, methods, data / "optimal" / problem.id)
     episodes = {"optimal": optimum.episodes}
     rows = {"optimal": SplitRow.of(problem, optimum.row, optimum.episodes)}
-    for method in methods:
+    for method in track(methods, len(methods), unit="method", label=split, leave=False):
         row, made = run(problem, method, p, baseline=optimum.baseline, batches=())
         rows[method.name], episodes[method.name] = SplitRow.of(problem, row, made), made
         cli.say(f"{split}, {method.name}: {row.metrics.success.count} of {len(cases)}")
     seeds = {}
-    for training, planner in networks.items():
+    for training, planner in track(networks.items(), len(networks), unit="network", label=split, leave=False):
         row, _ = run(problem, Method(training.name, planner), p, baseline=optimum.baseline, batches=())
         seeds[training] = row.metrics
         cli.say(f"{split}, {training.name}, seed {training.seed}: {row.metrics.success.count} of {len(cases)}")
@@ -111,13 +117,23 @@ def curves_of(problem: OptimalControlProblem, outcomes: Mapping[str, Outcome]) -
 
 
 def compare(
-    problem: OptimalControlProblem, networks: Mapping[Run, NetworkPlanner], splits: Sequence[str], count: int | None
+    problem: OptimalControlProblem,
+    networks: Mapping[Run, NetworkPlanner],
+    splits: Sequence[str],
+    count: int | None,
+    data: Path,
 ) -> SplitComparison:
-    """The record of all methods and ``networks`` on the first ``count`` instances, or all, of each of ``splits``."""
+    """The record of all methods and ``networks`` on the first ``count`` instances, or all, of each of ``splits``.
+
+    Solutions are kept in the folder ``data``.
+    """
     began = time.perf_counter()
     methods = [*shipped(problem, cli.RECORDS), *stabiliser(problem)]
-    cases = {split: reference.load(problem, SPLITS[split])[:count] for split in splits}
-    outcomes = {split: compare_on(problem, methods, networks, split, found) for split, found in cases.items()}
+    sets = {split: reference.load(problem, SPLITS[split]) for split in splits}
+    cli.at_most(count, max(map(len, sets.values())), "instances in the largest split")
+    outcomes = {
+        split: compare_on(problem, methods, networks, split, cases[:count], data) for split, cases in sets.items()
+    }
     names = ["optimal", *(method.name for method in methods)]
     return SplitComparison(
         env_id=problem.id,
@@ -134,8 +150,8 @@ def compare(
 
 
 def main() -> None:
-    parser = cli.parser(__doc__, data=True, cases="instances of every split")
-    parser.add_argument("--splits", nargs="+", choices=SPLITS, default=list(SPLITS), help="which; all by default")
+    parser = cli.parser(__doc__, data=True, cases="instances of every split, at most")
+    parser.add_argument("--splits", nargs="+", choices=SPLITS, help="which; all by default")
     parser.add_argument(
         "--seeds",
         metavar="N",
@@ -146,11 +162,10 @@ def main() -> None:
     cli.threads()
     problem = arguments.problem
     there = [split for split, name in SPLITS.items() if name == "validation" or name in sets_of(problem).hard]
-    chosen = [split for split in arguments.splits if split in there]
-    if not chosen:
-        parser.error(f"{problem.id} has no such split; there are {', '.join(there)}")
+    if missing := [split for split in arguments.splits or () if split not in there]:
+        parser.error(f"argument --splits: {problem.id} has no {missing[0]!r}; there are {', '.join(there)}")
     networks = {} if arguments.seeds is None else trainings.networks(problem, arguments.data, arguments.seeds)
-    record = compare(problem, networks, chosen, arguments.cases)
+    record = compare(problem, networks, arguments.splits or there, arguments.cases, arguments.data)
     cli.publish(arguments, f"compare_splits_{problem.id}", record)
     figure = splits_figure(arguments.results / f"splits_{problem.id}.png", problem, record)
     cli.say(f"\n{text_table(lines(record), SPLIT_COLUMNS)}")

@@ -102,8 +102,7 @@ def parse_arguments() -> argparse.Namespace:
     parser = cli.parser(__doc__, data=True, workers=True, ship=ship)
     parser.add_argument("--seeds", metavar="N", type=cli.positive, default=5, help="training seeds of every model")
     parser.add_argument(
-        "--models",
-        dest="names",
+        "--names",
         metavar="NAME",
         nargs="+",
         help="train these alone; with --ship the results are of the kept models",

@@ -12,8 +12,7 @@ import ocp_envs
 from ocp_envs import Box, Coordinate, Goal, OptimalControlProblem, System, winding_modes
 
 
-# 1. The system, in CasADi expressions: ẋ = f(x, u, constants). Equations and constants are those of Kelly, "An
-#    introduction to trajectory optimization" (2017); the angle is measured from hanging.
+# 1. The system ẋ = f(x, u, constants), in CasADi expressions, of Kelly, "An introduction to trajectory optimization".
 def dynamics(state: Any, control: Any, c: Any) -> list[Any]:
     _, theta, v, omega = state
     s, k, inertia = ca.sin(theta), ca.cos(theta), c.cart + c.pole * ca.sin(theta) ** 2
@@ -36,8 +35,7 @@ CART_POLE = System(
     constants={"cart": 1.0, "pole": 0.3, "length": 0.5, "gravity": 9.81},
     dynamics=dynamics,
 )
-# 2. The problem: where it starts (coordinates that are no parameters start at the goal's value), what it costs, where
-#    it ends. Up is θ = π, and every whole turn from there.
+# 2. The problem. Coordinates that are no parameters start at the goal's value. θ = 0 hangs; odd multiples of π are up.
 WINDINGS = np.array([[0, k, 0, 0] for k in (-2, -1, 0, 1)])
 PROBLEM = OptimalControlProblem(
     id="CartPoleSwingup-v0",
@@ -53,18 +51,21 @@ PROBLEM = OptimalControlProblem(
     hold=5.0,
     time_limit=12.0,
 )
+# 3. Registered, it is an environment like the others; it is solved and learned by its name, too.
+ocp_envs.register(PROBLEM)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--problems", type=int, default=1500, help="training problems")
     parser.add_argument("--epochs", type=int, default=1000, help="passes over them")
-    parser.add_argument("--data", type=Path, default=Path("data/cartpole.zarr"), help="where solutions are kept")
+    parser.add_argument("--data", type=Path, default=Path(__file__).parents[1] / "data", help="folder of databases")
     arguments = parser.parse_args()
-    # 3. Registered, it is an environment like the others; solved, a database of the best trajectories.
-    ocp_envs.register(PROBLEM)
-    database = ocp_envs.generate(PROBLEM, arguments.data, ocp_envs.sample(PROBLEM, seed=0, n=arguments.problems))
-    # 4. One network, and a mixture with an expert for each final angle.
+    if min(arguments.problems, arguments.epochs) < 1:
+        parser.error("--problems and --epochs: expected whole numbers of 1 or more")
+    # 4. Solved, a database of the best trajectories; one network, and a mixture with an expert for each final angle.
+    p, path = ocp_envs.sample(PROBLEM, seed=0, n=arguments.problems), arguments.data / PROBLEM.id / "training.zarr"
+    database = ocp_envs.generate(PROBLEM, path, p, progress=True)
     settings = moe_policy.TrainingSettings(epochs=arguments.epochs)
     single = moe_policy.fit_single(database, settings=settings)
     mixture = moe_policy.fit_mixture(database, moe_policy.cluster(database, "custom"), settings=settings)

@@ -72,6 +72,7 @@ class Made:
     quick: bool  # from few instances, and shipped networks
     data: Path  # folder of the databases of all problems
     results: Path
+    workers: int | None
 
     def _database(self, name: str) -> ocp_envs.Database:
         problem = self.problem
@@ -80,14 +81,18 @@ class Made:
         split, count = sets_of(problem).split(name), getattr(benchmark_of(problem).quick, name)
         known = reference.load(problem, name).parameters if name == "validation" else split.parameters(problem, count)
         began, path = time.perf_counter(), self.data / "reproduce" / problem.id / f"{name}.zarr"
-        database = ocp_envs.generate(problem, path, known[:count], seed=split.seed, settings=split.settings)
+        database = ocp_envs.generate(
+            problem, path, known[:count], workers=self.workers, seed=split.seed, settings=split.settings
+        )
         cli.say(f"{problem.id}: {len(database)} {name} instances, {time.perf_counter() - began:.0f} s")
         return database
 
     def _run(self, script: str, *arguments: str) -> None:
-        command = [sys.executable, str(cli.ROOT / "scripts" / script), "--env", self.problem.id, *arguments]
+        options = ["--env", self.problem.id, "--data", str(self.data), "--results", str(self.results)]
+        options += [] if self.workers is None else ["--workers", str(self.workers)]
+        command = [sys.executable, str(cli.ROOT / "scripts" / script), *options, *arguments]
         cli.say(" ".join(command[1:]))
-        subprocess.run([*command, "--results", str(self.results)], check=True)
+        subprocess.run(command, check=True)
 
     @cached_property
     def comparison(self) -> Comparison:
@@ -109,8 +114,8 @@ class Made:
         """The record of the full form, for which everything is made that is missing."""
         path = self.results / f"compare_training_{self.problem.id}.json"
         if not path.exists():  # remove it to have it made again
-            self._run("generate_data.py", "--data", str(self.data))
-            self._run("compare_training.py", "--data", str(self.data))
+            self._run("generate_data.py")
+            self._run("compare_training.py")
         return read(path, TrainingComparison)
 
     @cached_property
@@ -196,7 +201,7 @@ def draw(name: str, made: dict[str, Made], path: Path, quick: bool) -> Figure:
 
 
 def parse_arguments() -> argparse.Namespace:
-    parser, figures = cli.parser(__doc__, env=None, data=True), [SKETCH, *figure_names()]
+    parser, figures = cli.parser(__doc__, env=None, data=True, workers=True), [SKETCH, *figure_names()]
     parser.add_argument("--all", action="store_true", help="all tables and figures")
     parser.add_argument("--table", nargs="+", choices=TABLES, default=[], metavar="NAME", help=", ".join(TABLES))
     parser.add_argument("--figure", nargs="+", choices=figures, default=[], metavar="NAME", help=", ".join(figures))
@@ -227,7 +232,7 @@ def main() -> None:
     cli.threads()
     began, quick = time.perf_counter(), arguments.quick
     results = arguments.results / "quick" if quick else arguments.results
-    made = {problem.id: Made(problem, quick, arguments.data, results) for problem in BENCHMARK}
+    made = {problem.id: Made(problem, quick, arguments.data, results, arguments.workers) for problem in BENCHMARK}
     for name in arguments.table:
         record, text = TABLES[name](made, quick)
         write(results / f"table_{name}.json", record)

@@ -177,14 +177,19 @@ class Optimum:
 
 
 def track_optimum(
-    problem: OptimalControlProblem, parameters: Array, reference: Array, methods: Sequence[Method], keep: Path
+    problem: OptimalControlProblem,
+    parameters: Array,
+    reference: Array,
+    methods: Sequence[Method],
+    keep: Path,
+    workers: int | None = None,
 ) -> Optimum:
     """Solve the instances with ``parameters`` (B, np) and track their solutions.
 
-    ``reference`` (B,) are the best known costs. Guesses come from ``methods`` and solved batches are kept in the folder
-    ``keep``, as in :func:`~moe_policy.experiments.methods.solve_all`.
+    ``reference`` (B,) are the best known costs. Guesses come from ``methods``, ``workers`` processes solve, and solved
+    batches are kept in the folder ``keep``, as in :func:`~moe_policy.experiments.methods.solve_all`.
     """
-    trajectories, costs = solve_all(problem, parameters, methods, keep)
+    trajectories, costs = solve_all(problem, parameters, methods, keep, workers)
     method = Method("optimal", StoredPlans(parameters, trajectories))
     row, episodes = run(problem, method, parameters, batches=())
     baseline = replace(episodes, cost=episodes.cost * np.minimum(1.0, reference / costs))

@@ -137,8 +137,9 @@ def solve_all(
     p: Array,
     methods: Sequence[Method] | None = None,
     keep: Path | None = None,
+    workers: int | None = None,
 ) -> tuple[Trajectory, Array]:
-    """Best known trajectories from ``p`` (B, np) and their costs (B,), with a solver process for every core.
+    """Best known trajectories from ``p`` (B, np) and their costs (B,), with ``workers`` solver processes, one per core.
 
     Each is the best of the solutions from stored neighbours and from the plan of every expert, of the nearest neighbour
     and the first mixture among ``methods``, by default the shipped ones. Solved batches are kept in the folder
@@ -164,7 +165,7 @@ def solve_all(
                 _write(path, flat, costs)
         return problem.unflatten(flat), costs
 
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
         shares = range(0, len(p), SHARE)
         solved = pool.map(solve, shares)
         parts = list(track(solved, len(shares), unit="part", label="optimal trajectories", leave=False))

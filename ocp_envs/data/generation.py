@@ -79,9 +79,11 @@ class _Run:
         except BrokenExecutor as error:  # the tasks in flight ended with it
             message = f"{error}; every finished chunk is stored, and the same call resumes from there"
             raise BrokenExecutor(message) from error
-        except BaseException:
+        except BaseException as error:
             for future in running:
                 future.cancel()
+            if isinstance(error, KeyboardInterrupt):
+                error.add_note("every finished chunk is stored; the same call resumes from there")
             raise
 
     def _take(self, future: Future[StoredRows], task: Chunk) -> Chunk | None:

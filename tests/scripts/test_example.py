@@ -30,7 +30,7 @@ runpy.run_path(sys.argv.pop(1), run_name="__main__")
 
 
 def test_the_example_runs_from_declaration_to_rollouts(tmp_path):
-    options = ["--problems", "60", "--epochs", "60", "--data", str(tmp_path / "p.zarr")]
+    options = ["--problems", "60", "--epochs", "60", "--data", str(tmp_path)]
     # Without a compiler: what it takes to compile is more than what it saves here.
     environment = os.environ | {"PATH": os.path.dirname(sys.executable), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(

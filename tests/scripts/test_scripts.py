@@ -5,9 +5,11 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
+import io
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +20,7 @@ import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments import comparison, trainings
+from moe_policy.experiments import cli, comparison, trainings
 from moe_policy.experiments.benchmark.parts import Quick
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning.settings import TrainingSettings
@@ -27,6 +29,7 @@ from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
 from ocp_envs.sets.splits import InstanceSet, ProblemSets
+from ocp_envs.support import progress
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
@@ -48,6 +51,7 @@ def script(monkeypatch, tmp_path):
     """Imports a script by name, its folder being that of the tests' results; spawned processes find it, too."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(ocp_envs.problems, "_catalogue", dict(ocp_envs.problems._catalogue))  # the example adds to it
 
     def load(name):
         monkeypatch.delitem(sys.modules, name, raising=False)
@@ -103,6 +107,35 @@ def test_every_script_explains_itself(name, script, run, capsys):
     shown = capsys.readouterr().out
     assert module.__doc__.splitlines()[0] in shown
     assert "--help" in shown
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_every_script_explains_itself_on_a_console_without_greek_letters(name, script, monkeypatch):
+    module, console = script(name), io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    monkeypatch.setattr(sys, "stdout", console)
+    monkeypatch.setattr(signal, "signal", lambda number, handler: None)
+    monkeypatch.setattr(progress, "_shown", None)
+    with pytest.raises(SystemExit) as end:
+        cli.run(module.main)
+    assert end.value.code == 0
+    console.flush()
+    assert b"--help" in console.buffer.getvalue()
+
+
+@pytest.mark.parametrize("name", sorted(set(SCRIPTS) - {"render_readme", "example_cartpole"}))
+def test_options_of_all_scripts_have_the_same_words(name, script, run, capsys):
+    with pytest.raises(SystemExit):
+        run(script(name), "--help")
+    shown = " ".join(capsys.readouterr().out.split())
+    for option, words in {
+        "--data FOLDER": "databases; data/ by default",
+        "--results FOLDER": "where results go; runs/ by default",
+        "--workers N": "processes; one per core by default",
+        "--seed N": "random seed; default",
+    }.items():
+        assert f"{option} {words}" in shown or option not in shown
+    assert "Folders that you name are relative to the working directory" in shown
 
 
 def test_scripts_run_from_any_folder(tmp_path):
@@ -174,14 +207,13 @@ def test_compare_with_the_shipped_models(script, run, tmp_path, capsys):
 def test_compare_makes_everything_anew(script, run, monkeypatch, tmp_path):
     module = script("compare_rl_vs_moe")
     with_tiny_splits(monkeypatch, module)
-    monkeypatch.setattr(module.cli, "DATA", tmp_path / "data")
     short = SACSettings(steps=400, learning_starts=200, n_envs=4, hidden=(8, 8), evaluate_every=200)
     benchmark = module.benchmark_of(PENDULUM)
     training = dataclasses.replace(benchmark.training, settings=QUICK)
     learners = dataclasses.replace(benchmark.learners, short={"sac": short})
     benchmark = dataclasses.replace(benchmark, training=training, learners=learners)
     monkeypatch.setattr(module, "benchmark_of", lambda problem: benchmark)
-    run(module, "--train", "--results", tmp_path / "results")
+    run(module, "--train", "--data", tmp_path / "data", "--results", tmp_path / "results")
     record = read(tmp_path / "results" / "compare_trained_PendulumSwingup-v0.json")
     assert record["cases"] == 12
     rows = {row["name"]: row for row in record["rows"]}
