@@ -43,6 +43,7 @@ from ocp_envs.solvers.solver import Solution as Solution
 from ocp_envs.solvers.solver import solve as solve
 from ocp_envs.support.batch import BatchFunction as BatchFunction
 from ocp_envs.support.batch import BoundFunction as BoundFunction
+from ocp_envs.support.batch import Linearisation as Linearisation
 from ocp_envs.symmetry import Symmetry as Symmetry
 from ocp_envs.system import Box as Box
 from ocp_envs.system import Coordinate as Coordinate

@@ -95,9 +95,11 @@ def winding_modes(names: Sequence[str]) -> Modes:
     Args:
         names: one for each row of ``goal.windings``.
     """
+    return Modes(tuple(names), _nearest_target)
 
-    def classify(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array) -> Ints:
-        distance = np.abs(trajectory.states[:, -1, None, :] - problem.targets).sum(axis=-1)
-        return np.asarray(distance.argmin(axis=1), dtype=np.int64)
 
-    return Modes(tuple(names), classify)
+def _nearest_target(
+    problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array
+) -> Ints:
+    distance = np.abs(trajectory.states[:, -1, None, :] - problem.targets).sum(axis=-1)
+    return np.asarray(distance.argmin(axis=1), dtype=np.int64)

@@ -18,6 +18,7 @@ from functools import cached_property
 from types import SimpleNamespace
 
 import casadi as ca
+import cloudpickle
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -104,8 +105,9 @@ class OptimalControlProblem:
             raise ValueError(f"{self.id}: longest_substep must be positive and finite, got {self.longest_substep}")
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Without what was derived and cached.
-        return OptimalControlProblem, tuple(getattr(self, field.name) for field in dataclasses.fields(self))
+        # Without what was derived and cached. Functions travel by reference or, if they have no name, by value.
+        parts = tuple(getattr(self, field.name) for field in dataclasses.fields(self))
+        return _restored, (cloudpickle.dumps(parts),)
 
     @property
     def flat_size(self) -> int:
@@ -257,3 +259,7 @@ class OptimalControlProblem:
     def fingerprint(self) -> str:
         """What a file must carry to belong to this problem."""
         return fingerprint(self)
+
+
+def _restored(parts: bytes) -> OptimalControlProblem:
+    return OptimalControlProblem(*cloudpickle.loads(parts))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copyreg
+
 import gymnasium as gym
 
 from ocp_envs.problem import OptimalControlProblem
@@ -19,6 +21,14 @@ class UnknownProblemError(KeyError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+def _reduced(problem: OptimalControlProblem) -> tuple[object, ...]:
+    """How ``problem`` is pickled: one of the benchmark by its name, so that a copy is the same object."""
+    return (load, (problem.id,)) if any(problem is each for each in BENCHMARK) else problem.__reduce__()
+
+
+copyreg.pickle(OptimalControlProblem, _reduced)  # type: ignore[arg-type]
 
 
 def load(name: str) -> OptimalControlProblem:

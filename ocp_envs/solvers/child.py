@@ -60,8 +60,8 @@ class Child:
     def __init__(self, factory: Factory, transcription: Transcription, settings: SolverSettings) -> None:
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         process = _start(errors)
-        self._process, self.process_id = process, process.pid
-        self.kill = weakref.finalize(self, _end, process, errors)
+        self._process, self.process_id, self.parent = process, process.pid, os.getpid()
+        self.kill = weakref.finalize(self, _end, process, errors, self.parent)
         assert process.stdin is not None
         assert process.stdout is not None
         self.channel = Channel(process.stdout.fileno(), process.stdin.fileno())
@@ -119,9 +119,10 @@ def _start(errors: BinaryIO) -> subprocess.Popen[bytes]:
     )
 
 
-def _end(process: subprocess.Popen[bytes], errors: BinaryIO) -> None:
-    process.kill()
-    process.wait()
+def _end(process: subprocess.Popen[bytes], errors: BinaryIO, parent: int) -> None:
+    if parent == os.getpid():  # a forked process has copies of the pipes, but no right to the child
+        process.kill()
+        process.wait()
     for file in (process.stdin, process.stdout, errors):
         if file is not None:
             file.close()

@@ -13,6 +13,7 @@ wall-clock time, far above, is for a child that does nothing at all.
 
 from __future__ import annotations
 
+import os
 import statistics
 import time
 from collections import deque
@@ -37,9 +38,10 @@ WALL_FACTOR = 4.0
 
 
 class Guard:
-    """A solver in a child process, started with the first task; not to be shared between threads.
+    """A solver in a child process, started with the first task; for one thread at a time.
 
-    In the child, ``factory`` makes the solver of the program ``transcription`` with ``settings``.
+    In the child, ``factory`` makes the solver of the program ``transcription`` with ``settings``. Copies, and this
+    object in a forked process, start children of their own.
     """
 
     def __init__(self, transcription: Transcription, settings: SolverSettings, factory: Factory = NlpSolver) -> None:
@@ -47,6 +49,9 @@ class Guard:
         self._child: Child | None = None
         self._times: deque[float] = deque(maxlen=_KEPT_TIMES)
         self.restarts = 0
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Guard, (self._transcription, self._settings, self._factory)
 
     @property
     def process_id(self) -> int | None:
@@ -87,7 +92,7 @@ class Guard:
 
     def start(self) -> Channel:
         """The channel to the child, which is started unless it runs."""
-        if self._child is None:
+        if self._child is None or self._child.parent != os.getpid():  # a fork's answers would reach either process
             setup = self._factory, self._transcription, self._settings
             try:
                 self._child = Child(*setup)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import threading
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Protocol
 
 import numpy as np
@@ -19,6 +18,7 @@ from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
 from ocp_envs.solvers.solutions import Solutions, best_per_mode, collect, make_tasks
 from ocp_envs.solvers.transcription import Transcription, transcribe
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.sharing import Loans, ProcessLock
 from ocp_envs.trajectory import Trajectory
 
 DEFAULT_SOLVER = SolverSettings()
@@ -47,7 +47,8 @@ class GuardedSolver:
     """Solves instances of ``problem`` in a child process, which is replaced where a solve hangs or crashes.
 
     The child starts with the first solve and ends with ``close``, the context or this process. The ``settings`` are
-    those of the solves; ``runner`` makes what runs them.
+    those of the solves; ``runner`` makes what runs them. Threads that share it wait for each other; copies, and this
+    object in a forked process, have children of their own.
     """
 
     def __init__(
@@ -58,7 +59,11 @@ class GuardedSolver:
     ) -> None:
         self.problem, self.settings = problem, settings
         self._transcription = transcribe(problem)
+        self._runner, self._alone = runner, ProcessLock()
         self.runner = runner(self._transcription, settings)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return GuardedSolver, (self.problem, self.settings, self._runner)
 
     def __enter__(self) -> GuardedSolver:
         return self
@@ -68,11 +73,13 @@ class GuardedSolver:
 
     def start(self) -> None:
         """Start the child now rather than with the first solve; compiles where that was not done before."""
-        self.runner.start()
+        with self._alone:
+            self.runner.start()
 
     def close(self) -> None:
         """End the child."""
-        self.runner.close()
+        with self._alone:
+            self.runner.close()
 
     @property
     def restarts(self) -> int:
@@ -104,7 +111,9 @@ class GuardedSolver:
         """
         instances = self.problem, self._transcription, parameters
         tasks = make_tasks(*instances, guesses, windings, retry_with_fallback, rescue)
-        return collect(*instances, self.runner.solve(tasks))
+        with self._alone:
+            results = list(self.runner.solve(tasks))
+        return collect(*instances, results)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,8 +147,9 @@ class Solution:
 
 
 @lru_cache(maxsize=4)
-def _shared_solver(problem: OptimalControlProblem, process: int, thread: int) -> GuardedSolver:
-    return GuardedSolver(problem, OF_MANY_GUESSES)
+def _solvers(problem: OptimalControlProblem, process: int) -> Loans[GuardedSolver]:
+    """The solvers of ``problem`` in the process with that id, at most one for each core."""
+    return Loans(partial(GuardedSolver, problem, OF_MANY_GUESSES), os.cpu_count() or 1)
 
 
 def solve(
@@ -147,7 +157,7 @@ def solve(
 ) -> Solution:
     """The best known optimum of one instance, by multistart over the goal's windings.
 
-    The solver process is kept for the next call.
+    The solver process is kept for the next call. Threads may call this at once; they use as many as there are cores.
 
     Args:
         problem: the problem.
@@ -163,9 +173,8 @@ def solve(
     parameters, turns = problem.in_one_turn(given)
     if len(parameters) != 1 or starts < 1:
         raise ValueError(f"solve takes one instance and starts ≥ 1, got {len(parameters)} and {starts}")
-    # A forked process must not talk to its parent's child, nor a thread to another thread's.
-    solver = _shared_solver(problem, os.getpid(), threading.get_ident())
-    solutions = _multistart(solver, parameters, np.random.default_rng(seed), starts)
+    with _solvers(problem, os.getpid()).one() as solver:
+        solutions = _multistart(solver, parameters, np.random.default_rng(seed), starts)
     modes = best_per_mode(problem, parameters[0], solutions)
     status = Status.SOLVED if solutions.solved.any() else Status(int(solutions.status[0]))
     return Solution(given[0], replace(modes, trajectory=modes.trajectory.shifted(turns)), status)

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.kept import kept
 from ocp_envs.trajectory import Trajectory
 
 #: Half width of the box around the target, in scaled units.
@@ -147,6 +148,7 @@ def _present(knots: int, nx: int, nu: int) -> NDArray[np.bool_]:
     return present
 
 
+@kept
 def transcribe(problem: OptimalControlProblem) -> Transcription:
     """The nonlinear program of ``problem``."""
     system, knots = problem.system, problem.knots

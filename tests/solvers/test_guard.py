@@ -1,6 +1,8 @@
+import copy
 import ctypes
 import hashlib
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -21,6 +23,7 @@ from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.solvers.transcription import transcribe
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
+from tests.threads import in_threads
 
 pytestmark = pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable")
 HURRIED = SolverSettings(hang_floor=0.3, hang_factor=1.0)
@@ -217,3 +220,35 @@ def test_the_child_dies_with_its_parent_even_inside_a_solve():
     while _alive(child) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not _alive(child)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_process_has_a_child_of_its_own_and_leaves_the_other_alone():
+    with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
+        expected = solver.solve(*arguments([0.5])).cost
+        ours = solver.runner.process_id
+        if (forked := os.fork()) == 0:
+            same = solver.solve(*arguments([0.5])).cost == expected
+            other = solver.runner.process_id != ours
+            solver.close()
+            os._exit(0 if same.all() and other else 1)
+        assert os.waitpid(forked, 0)[1] == 0
+        assert solver.solve(*arguments([0.5])).cost == expected
+        assert (solver.runner.process_id, solver.restarts) == (ours, 0)
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_a_copy_has_a_child_of_its_own(duplicate):
+    with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
+        expected = solver.solve(*arguments([0.5])).cost
+        with duplicate(solver) as other:
+            assert other.solve(*arguments([0.5])).cost == expected
+            assert other.runner.process_id != solver.runner.process_id
+
+
+def test_threads_that_share_a_solver_get_the_answers_to_their_own_tasks():
+    with GuardedSolver(DOUBLE_INTEGRATOR) as solver:
+        expected = [solver.solve(*arguments([number + 0.5])).cost for number in range(4)]
+        for _ in range(3):
+            assert in_threads(lambda number: solver.solve(*arguments([number + 0.5])).cost) == expected
+        assert solver.restarts == 0

@@ -1,4 +1,5 @@
 import dataclasses
+import os
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from scipy.optimize import minimize_scalar
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
+from ocp_envs.solvers import solver
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses
 from ocp_envs.solvers.nlp import SolverSettings, Status
@@ -15,6 +17,7 @@ from ocp_envs.trajectory import Trajectory
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 from tests.solvers.programs import DISC, box, line
+from tests.threads import in_threads
 
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
@@ -211,3 +214,18 @@ def test_quadcopter_round_an_obstacle():
     distance = np.linalg.norm(solution.trajectory.states[0, :, :3] - p[0, 3:6], axis=1)
     assert distance.min() == pytest.approx(2.0, abs=1e-4)
     assert solution.multipliers[0].max() > 0.1
+
+
+def test_threads_solve_with_no_more_solvers_than_cores(monkeypatch):
+    made = []
+
+    def make(problem, settings):
+        made.append(Solver(problem, settings))
+        return made[-1]
+
+    monkeypatch.setattr(solver, "GuardedSolver", make)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    problem = dataclasses.replace(DOUBLE_INTEGRATOR)
+    expected = [solve(problem, [number + 0.5, 0.0], starts=1).cost for number in range(4)]
+    assert in_threads(lambda number: solve(problem, [number + 0.5, 0.0], starts=1).cost) == expected
+    assert 1 <= len(made) <= 2

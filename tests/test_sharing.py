@@ -1,0 +1,156 @@
+"""Objects that calculate give the same results in threads, as copies, as pickles and in forked processes."""
+
+import copy
+import multiprocessing
+import pickle
+
+import numpy as np
+import pytest
+
+import moe_policy
+import ocp_envs
+from moe_policy.control.lqr import Regulator
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
+from ocp_envs.solvers.check import verify
+from ocp_envs.support.batch import BatchFunction
+from tests.in_process import Solver
+from tests.plans import random_plan
+from tests.small_problems import DOUBLE_INTEGRATOR
+from tests.synthetic import fake_samples
+from tests.threads import in_threads
+
+#: Seconds for a forked process.
+LIMIT = 60
+
+
+def parameters(problem, number):
+    """Those of the call with a number: another batch in each."""
+    return problem.parameters.draw(np.random.default_rng(number), 5 + 3 * number)
+
+
+def rows(problem, number):
+    """States, controls and contexts."""
+    p = parameters(problem, number)
+    states, contexts = problem.start(p)
+    return states, problem.system.control.draw(np.random.default_rng(number), len(p)), contexts
+
+
+def plan(problem):
+    return lambda planner, number: [planner(parameters(problem, number)).flat()]
+
+
+def predict(problem):
+    def call(policy, number):
+        states, _, contexts = rows(problem, number)
+        observation, state, controls = np.concatenate([states, contexts], axis=1), None, []
+        for _ in range(3):
+            control, state = policy.predict(observation, state, deterministic=True)
+            controls.append(control)
+        return controls
+
+    return call
+
+
+def checked(problem, number):
+    p, plans = parameters(problem, number), random_plan(problem, 5 + 3 * number, seed=number)[0]
+    check = verify(problem, p, plans)
+    return [check.defect, check.cost, check.path]
+
+
+def linearised(regulator, number):
+    return list(regulator.linearise(*rows(PENDULUM, number)))
+
+
+def advanced(simulator, number):
+    step = simulator.advance(*rows(simulator.problem, number))
+    return [step.states, step.cost]
+
+
+def with_step(linearisation, number):
+    x, u, s = rows(PENDULUM, number)
+    return list(linearisation(x, u, s, np.full((len(x), 1), 0.1)))
+
+
+def tracking():
+    return moe_policy.TrackingPolicy(PENDULUM, moe_policy.NearestPlanner(fake_samples()))
+
+
+def solver_planner():
+    return moe_policy.SolverPlanner(DOUBLE_INTEGRATOR, random_guesses=1, solver=Solver(DOUBLE_INTEGRATOR))
+
+
+#: name → what makes the object, and (object, number) → arrays.
+OBJECTS = {
+    "network": (lambda: moe_policy.load(PENDULUM, "moe-custom"), plan(PENDULUM)),
+    "nearest": (lambda: moe_policy.NearestPlanner(fake_samples()), plan(PENDULUM)),
+    "symmetrised": (
+        lambda: moe_policy.Symmetrised(QUADCOPTER_OBSTACLE, moe_policy.load(QUADCOPTER_OBSTACLE, "snn")),
+        plan(QUADCOPTER_OBSTACLE),
+    ),
+    "margin": (
+        lambda: moe_policy.WithMargin(QUADCOPTER_OBSTACLE, moe_policy.load(QUADCOPTER_OBSTACLE, "snn"), "radius", 0.05),
+        plan(QUADCOPTER_OBSTACLE),
+    ),
+    "solver": (solver_planner, plan(DOUBLE_INTEGRATOR)),
+    "tracking": (tracking, predict(PENDULUM)),
+    "stabilised": (lambda: moe_policy.Stabilised(tracking(), PENDULUM), predict(PENDULUM)),
+    "stabiliser": (lambda: moe_policy.Stabiliser(PENDULUM), predict(PENDULUM)),
+    "learned": (lambda: moe_policy.load(PENDULUM, "ppo"), predict(PENDULUM)),
+    "regulator": (lambda: Regulator(PENDULUM, 0.02), linearised),
+    "simulator": (lambda: ocp_envs.Simulator(QUADCOPTER_OBSTACLE, 0.02), advanced),
+    "problem": (lambda: QUADCOPTER_OBSTACLE, checked),
+    "rate": (PENDULUM.batch_rate, lambda function, number: function(*rows(PENDULUM, number))),
+    "linearisation": (lambda: PENDULUM.batch_linearisation(2), with_step),
+}
+each_object = pytest.mark.parametrize(("make", "call"), OBJECTS.values(), ids=OBJECTS)
+
+
+def assert_equal(got, expected):
+    for one, other in zip(got, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-9)
+
+
+@each_object
+def test_threads_that_share_an_object_get_what_one_thread_gets(make, call):
+    shared = make()
+    expected = [call(shared, number) for number in range(4)]
+    for _ in range(5):
+        for got, own in zip(in_threads(lambda number: call(shared, number)), expected, strict=True):
+            for one, other in zip(got, own, strict=True):
+                np.testing.assert_array_equal(one, other)
+
+
+@each_object
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_a_copy_gives_the_same(make, call, duplicate):
+    original = make()
+    assert_equal(call(duplicate(original), 0), call(original, 0))
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="needs fork")
+@each_object
+def test_a_forked_process_gets_the_same(make, call):
+    shared = make()
+    assert_equal(forked(lambda: call(shared, 2)), call(shared, 2))
+
+
+def forked(call):
+    """``call()`` in a forked process."""
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=lambda: theirs.send(call()), daemon=True)
+    process.start()
+    try:
+        assert ours.poll(LIMIT), "the forked process hangs"
+        return ours.recv()
+    finally:
+        process.kill()
+        process.join()
+
+
+def test_a_problem_of_the_benchmark_is_itself_after_pickling_and_another_one_equal():
+    assert pickle.loads(pickle.dumps(PENDULUM)) is PENDULUM
+    other = pickle.loads(pickle.dumps(DOUBLE_INTEGRATOR))
+    assert other.fingerprint == DOUBLE_INTEGRATOR.fingerprint
+    assert not any(isinstance(value, BatchFunction) for value in vars(other).values())
