@@ -1,7 +1,9 @@
 """Files of models: tensors in ``<path>.safetensors`` and everything else in ``<path>.json``; nothing is unpickled.
 
 The description names the problem by id and fingerprint, so that a model cannot be used for another problem, and carries
-the SHA-256 of the tensor file, so that a damaged file, or a pair of files from two different saves, is refused.
+the SHA-256 of the tensor file, so that a damaged file, or a pair of files from two different saves, is refused. It also
+carries a checksum of its own content, so that any edit is refused. Files of format version 1 were saved before this
+checksum was introduced and are read without it.
 """
 
 from __future__ import annotations
@@ -12,7 +14,8 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from types import MappingProxyType
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,13 +24,24 @@ from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.checksums import KEY as CHECKSUM
+from ocp_envs.support.checksums import intact, with_checksum
 from ocp_envs.support.files import replacing
-from ocp_envs.support.provenance import provenance, write_json
+from ocp_envs.support.provenance import plain, provenance, write_json
 
 FORMAT = "ocp-moe model"
-VERSION = 1
+VERSION = 2
 #: Which reader makes the planner or the policy again.
 Kind = Literal["network", "nearest", "rl"]
+#: What the description of each kind holds besides what is common to all.
+CONTENT: Mapping[str, frozenset[str]] = MappingProxyType(
+    {
+        "network": frozenset({"name", "sizes", "mixing", "details"}),
+        "nearest": frozenset({"name"}),
+        "rl": frozenset({"algorithm", "sizes", "activation", "squash", "period", "details"}),
+    }
+)
+_COMMON = frozenset({"format", "version", "kind", "problem", "fingerprint", "sha256", "provenance"})
 Tensors = Mapping[str, NDArray[Any]]
 #: An object of JSON.
 Json = Mapping[str, Any]
@@ -70,8 +84,10 @@ def write_model(
     made as needed. The file names the ``kind`` of reader and the ``problem``, and holds the ``description`` for the
     reader: JSON with finite numbers only.
     """
-    if kind not in get_args(Kind):
-        raise ValueError(f"unknown kind of model {kind!r}; known are {sorted(get_args(Kind))}")
+    if kind not in CONTENT:
+        raise ValueError(f"unknown kind of model {kind!r}; known are {sorted(CONTENT)}")
+    if description.keys() != CONTENT[kind]:
+        raise ValueError(f"expected a description with {sorted(CONTENT[kind])}, got {sorted(description)}")
     tensor_path, json_path = _pair(path)
     content = save_tensors({name: np.ascontiguousarray(array) for name, array in tensors.items()})
     record = {
@@ -86,7 +102,7 @@ def write_model(
     }
     with replacing(tensor_path) as file:
         file.write(content)
-    write_json(json_path, record)
+    write_json(json_path, with_checksum(plain(record)))
 
 
 def read_model(path: str | os.PathLike[str]) -> ModelFile:
@@ -99,20 +115,37 @@ def read_model(path: str | os.PathLike[str]) -> ModelFile:
     for part in (json_path, tensor_path):
         if not part.is_file():
             raise ModelFileError(f"{part} is missing; a model is a pair of files, .safetensors and .json")
-    try:
-        description = json.loads(json_path.read_bytes())
-    except ValueError as error:
-        raise ModelFileError(f"{json_path} is not valid JSON ({error}); it is damaged, or not a model") from error
-    if not isinstance(description, dict) or description.get("format") != FORMAT:
-        raise ModelFileError(f"{json_path} does not describe a model: expected 'format': {FORMAT!r}")
-    if description.get("version") != VERSION:
-        found = description.get("version")
-        raise ModelFileError(f"{json_path} has format version {found!r}, expected {VERSION}; train again")
+    description = _read_description(json_path)
     content = tensor_path.read_bytes()
-    if hashlib.sha256(content).hexdigest() != description.get("sha256"):
+    if hashlib.sha256(content).hexdigest() != description["sha256"]:
         raise ModelFileError(f"{tensor_path} is truncated, damaged, or from another save than {json_path.name}")
     try:
         tensors = load_tensors(content)
     except (SafetensorError, KeyError, ValueError) as error:
         raise ModelFileError(f"{tensor_path} is not a safetensors file ({error})") from error
     return ModelFile(tensor_path.with_suffix(""), tensors, description)
+
+
+def _read_description(path: Path) -> Json:
+    """The JSON of a model in the file ``path``, as it was written, with the keys of its kind."""
+    try:
+        description = json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as error:
+        raise ModelFileError(f"{path} is not valid JSON ({error}); it is damaged, or not a model") from error
+    if not isinstance(description, dict) or description.get("format") != FORMAT:
+        raise ModelFileError(f"{path} does not describe a model: expected 'format': {FORMAT!r}")
+    version, kind = description.get("version"), description.get("kind")
+    if version not in (1, VERSION):
+        raise ModelFileError(f"{path} has format version {version!r:.99}, expected 1 or {VERSION}; train again")
+    if version == VERSION and not intact(description):
+        raise ModelFileError(
+            f"{path} was edited or is damaged: the checksum of its content differs; restore it from a copy, or change "
+            "the model in Python and save it again"
+        )
+    if not isinstance(kind, str) or kind not in CONTENT:
+        raise ModelFileError(f"{path}: unknown kind {kind!r:.99}; known are {sorted(CONTENT)}")
+    expected = _COMMON | CONTENT[kind] | ({CHECKSUM} if version == VERSION else set())
+    if description.keys() != expected:
+        unknown, missing = sorted(description.keys() - expected), sorted(expected - description.keys())
+        raise ModelFileError(f"{path} is damaged: got unknown keys {unknown}, and {missing} are missing")
+    return description

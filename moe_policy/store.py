@@ -161,13 +161,10 @@ def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[
     """
     file = read_model(path)
     problem = _resolved(str(file.description.get("problem")) if problem is None else problem)
-    reader = READERS.get(str(file.description.get("kind")))
-    if reader is None:
-        raise ModelFileError(f"{file.path}: unknown kind {file.description.get('kind')!r}; known are {sorted(READERS)}")
     file.check_problem(problem)
     try:
-        model = reader(file, problem)
-    except (KeyError, TypeError, RuntimeError, ValueError) as error:
+        model = READERS[file.description["kind"]](file, problem)
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         raise ModelFileError(f"{file.path}: tensors and description do not fit together ({error})") from error
     return model if kind is None else _expect(model, kind, file.path)
 

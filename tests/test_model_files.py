@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import moe_policy
-from moe_policy import model_files
+from moe_policy import model_files, store
 from moe_policy.model_files import ModelFileError
+from moe_policy.rl.actor import Actor, LearnedPolicy
 from moe_policy.store import READERS
 from ocp_envs.problems import UnknownProblemError
 from ocp_envs.problems.pendulum import PENDULUM
@@ -42,7 +43,7 @@ def test_a_description_names_the_problem_and_where_it_was_made(saved):
 
 
 def test_kinds_of_models_are_those_with_a_reader(tmp_path):
-    assert set(READERS) == set(get_args(model_files.Kind))
+    assert set(READERS) == set(get_args(model_files.Kind)) == set(model_files.CONTENT)
     with pytest.raises(ValueError, match="unknown kind of model 'pickle'"):
         model_files.write_model(tmp_path / "model", "pickle", PENDULUM, {}, {})
 
@@ -76,31 +77,147 @@ def test_halves_of_two_saves_are_refused(planners, saved, tmp_path):
         moe_policy.load_file(saved)
 
 
+# -- edited descriptions -----------------------------------------------------------------------------------------------
+
+
+def places(value, path=()):
+    """Where in a JSON value its numbers, texts and empty parts are."""
+    inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    yield from ((*path, key) for key, _ in inner)
+    for key, each in inner:
+        yield from places(each, (*path, key))
+
+
+def edited(record, path, change):
+    """A copy of the JSON object ``record`` whose part at ``path`` is changed."""
+    copy = json.loads(json.dumps(record))
+    part = copy
+    for key in path[:-1]:
+        part = part[key]
+    change(part, path[-1])
+    return copy
+
+
+def removed(part, key):
+    del part[key]
+
+
+def replaced(part, key):
+    part[key] = "other" if part[key] != "other" else None
+
+
+def mistyped(part, key):
+    if isinstance(part, dict):
+        part[f"{key}s"] = part.pop(key)
+    else:
+        part.insert(key, part[key])
+
+
+@pytest.fixture(params=["mixture", "single", "soft", "nearest", "policy"])
+def any_model(request, planners, tmp_path):
+    """A model of each kind, saved."""
+    policy = LearnedPolicy(PENDULUM, Actor((3, 8, 1), "tanh", "tanh"), period=0.04, details={"settings": {"steps": 1}})
+    model = policy if request.param == "policy" else planners[request.param]
+    model.save(tmp_path / "any")
+    return tmp_path / "any.json"
+
+
+@pytest.mark.parametrize("change", [removed, replaced, mistyped])
+def test_any_edit_of_a_description_is_refused(any_model, change):
+    record = json.loads(any_model.read_text())
+    count = 0
+    for path in places(record):
+        any_model.write_text(json.dumps(edited(record, path, change)))
+        with pytest.raises(ModelFileError):
+            moe_policy.load_file(any_model)
+        count += 1
+    assert count > 20
+    any_model.write_text(json.dumps(record))  # another layout of the same content
+    moe_policy.load_file(any_model)
+
+
+def older(path, **changes):
+    """Turn the description at ``path`` into one of format version 1, which has no checksum, with other values."""
+    record = json.loads(path.read_text())
+    del record["checksum"]
+    path.write_text(json.dumps(record | {"version": 1} | changes))
+
+
+def test_files_saved_before_the_checksum_was_introduced_are_read(any_model):
+    before = moe_policy.load_file(any_model)
+    older(any_model)
+    assert type(moe_policy.load_file(any_model)) is type(before)
+
+
+def test_a_description_without_its_checksum_is_no_older_one(any_model):
+    record = json.loads(any_model.read_text())
+    any_model.write_text(json.dumps(record | {"version": 1}))
+    with pytest.raises(ModelFileError, match=r"unknown keys \['checksum'\]"):
+        moe_policy.load_file(any_model)
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [
         ({"format": "other"}, "does not describe a model"),
-        ({"version": 99}, "format version 99"),
+        ({"version": 99}, "format version 99, expected 1 or 2"),
+        ({"version": []}, "format version"),
         ({"kind": "pickle"}, "unknown kind"),
+        ({"kind": []}, "unknown kind"),
+        ({"kind": "rl"}, r"unknown keys \['mixing', 'name'\], and \['activation'"),
         ({"fingerprint": "0" * 16}, "train again"),
         ({"sizes": {"single": [2, 300, 75]}}, "do not fit together"),
+        ({"sizes": {"single": [2, 10**12, 75]}}, "do not fit together"),
+        ({"sizes": {"single": [2, 10**400, 75]}}, "do not fit together"),
+        ({"sizes": {"simple": [2, 300, 75]}}, "expected sizes of 'single', or of 'gate' and 'experts'"),
         ({"mixing": {"softmax": -1}}, "do not fit together"),
+        ({"mixing": {"softmax": 10**400}}, "do not fit together"),
+        ({"mixing": {"sofmax": 1.0}}, "expected the mixing 'argmax' .* or 'softmax'"),
+        ({"mixing": []}, "do not fit together"),
         ({"sizes": None}, "do not fit together"),
+        ({"period": 0.3}, r"unknown keys \['period'\]"),
     ],
 )
-def test_foreign_descriptions_are_refused(saved, change, match):
+def test_older_descriptions_that_make_no_model_are_refused(saved, change, match):
     path = saved.with_suffix(".json")
-    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    older(path, **change)
     with pytest.raises(ModelFileError, match=match):
         moe_policy.load_file(saved)
+
+
+@pytest.mark.parametrize("change", [{"period": 10**400}, {"period": "x"}, {"sizes": [3, 10**9, 1]}, {"squash": []}])
+def test_older_policies_that_make_no_policy_are_refused(tmp_path, change):
+    LearnedPolicy(PENDULUM, Actor((3, 8, 1), "tanh", "tanh"), period=0.04).save(tmp_path / "sac")
+    older(tmp_path / "sac.json", **change)
+    with pytest.raises(ModelFileError, match="do not fit together"):
+        moe_policy.load_file(tmp_path / "sac")
+
+
+@pytest.mark.parametrize("text", ["[" * 200_000, '{"a": 1' + "0" * 5000 + "}", "[]", "null", "\ufeff{}"])
+def test_texts_that_are_no_description_are_refused(saved, text):
+    saved.with_suffix(".json").write_text(text)
+    with pytest.raises(ModelFileError, match=r"moe\.json"):
+        moe_policy.load_file(saved)
+
+
+def test_descriptions_hold_what_their_kind_holds(tmp_path):
+    with pytest.raises(ValueError, match=r"expected a description with \['name'\], got \['nmae'\]"):
+        model_files.write_model(tmp_path / "model", "nearest", PENDULUM, {}, {"nmae": "nearest"})
+
+
+@pytest.mark.parametrize(
+    "path", sorted(store.SHIPPED.glob("*/*.json")), ids=lambda path: f"{path.parent.name}/{path.stem}"
+)
+def test_shipped_descriptions_carry_their_checksum(path):
+    assert json.loads(path.read_text())["version"] == 2
+    model_files.read_model(path)
 
 
 def test_a_model_of_another_problem_is_refused(saved):
     heavier = PENDULUM.with_constants(mass=2.0)
     with pytest.raises(ModelFileError, match="train again"):
         moe_policy.load_file(saved, heavier)
-    path = saved.with_suffix(".json")
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"problem": "Nothing-v0"}))
+    older(saved.with_suffix(".json"), problem="Nothing-v0")
     with pytest.raises(UnknownProblemError):
         moe_policy.load_file(saved)
 

@@ -166,21 +166,39 @@ class NetworkPlanner:
 
 def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlanner:
     """The planner for ``problem`` that :meth:`NetworkPlanner.save` wrote to ``file``."""
-    sizes, mixing, tensors = file.description["sizes"], file.description["mixing"], file.tensors
-    network: Network
-    if "single" in sizes:
-        network = SingleNetwork(sizes["single"])
-    else:
-        network = MixtureOfExperts(SingleNetwork(sizes["gate"]), [SingleNetwork(s) for s in sizes["experts"]])
-    prefix = "network."
-    state = {k.removeprefix(prefix): torch.from_numpy(np.array(v)) for k, v in tensors.items() if k.startswith(prefix)}
-    network.load_state_dict(state)
+    tensors, prefix = file.tensors, "network."
+    with torch.device("meta"):  # nothing is allocated before the sizes are known to be those of the tensors
+        network = _network(file.description["sizes"])
+    state = {
+        key.removeprefix(prefix): torch.from_numpy(np.array(value, dtype=np.float32))
+        for key, value in tensors.items()
+        if key.startswith(prefix)
+    }
+    network.load_state_dict(state, assign=True)
     return NetworkPlanner(
         problem,
         file.description["name"],
         network,
         Standardizer(tensors["inputs.mean"], tensors["inputs.std"]),
         Standardizer(tensors["outputs.mean"], tensors["outputs.std"]),
-        Softmax(mixing["softmax"]) if "softmax" in mixing else ARGMAX,
+        _mixing(file.description["mixing"]),
         file.description["details"],
     )
+
+
+def _network(sizes: Json) -> Network:
+    """A network of these ``sizes``, as JSON."""
+    if sizes.keys() == {"single"}:
+        return SingleNetwork(sizes["single"])
+    if sizes.keys() == {"gate", "experts"}:
+        return MixtureOfExperts(SingleNetwork(sizes["gate"]), [SingleNetwork(each) for each in sizes["experts"]])
+    raise ValueError(f"expected sizes of 'single', or of 'gate' and 'experts'; got {sorted(sizes)}")
+
+
+def _mixing(record: Json) -> Mixing:
+    """How a mixture combines its experts, from JSON."""
+    if record == {"argmax": None}:
+        return ARGMAX
+    if record.keys() == {"softmax"}:
+        return Softmax(record["softmax"])
+    raise ValueError(f"expected the mixing 'argmax' (null) or 'softmax' (a number), got {record}")

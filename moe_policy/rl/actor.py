@@ -173,8 +173,10 @@ def _whole_steps(problem: OptimalControlProblem, period: float, dt: float) -> in
 def read_policy(file: ModelFile, problem: OptimalControlProblem) -> LearnedPolicy:
     """The policy that :meth:`LearnedPolicy.save` wrote to ``file``, for ``problem`` and its usual control period."""
     description = file.description
-    actor = Actor(description["sizes"], description["activation"], description["squash"])
-    actor.load_state_dict({name: torch.from_numpy(np.array(value)) for name, value in file.tensors.items()})
+    with torch.device("meta"):  # nothing is allocated before the sizes are known to be those of the tensors
+        actor = Actor(description["sizes"], description["activation"], description["squash"])
+    state = {name: torch.from_numpy(np.array(value, dtype=np.float32)) for name, value in file.tensors.items()}
+    actor.load_state_dict(state, assign=True)
     return LearnedPolicy(
         problem,
         actor,

@@ -11,7 +11,7 @@ from typing import Any
 from ocp_envs.data.layout import CURE, DatabaseError
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.checksums import intact, with_checksum
-from ocp_envs.support.provenance import write_json
+from ocp_envs.support.provenance import plain, write_json
 
 FORMAT = "ocp-moe database"
 VERSION = 2
@@ -78,7 +78,7 @@ class Description:
 
 def write_description(path: Path, description: Description) -> None:
     """Write the ``description`` of the database in the folder ``path``, in one step."""
-    attributes = with_checksum({"format": FORMAT, **asdict(description)})
+    attributes = with_checksum(plain({"format": FORMAT, **asdict(description)}))
     write_json(path / _FILE, {"attributes": attributes, **_GROUP})
 
 

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 KEY = "checksum"
 
 
-def checksum(content: Mapping[str, object], default: Callable[[object], object] | None = None) -> str:
-    """SHA-256 of the JSON object ``content``, its own checksum left out, in an order that does not depend on the file.
-
-    ``default`` turns values that JSON does not know into values that it knows, as in ``json.dumps``.
-    """
+def checksum(content: Mapping[str, object]) -> str:
+    """SHA-256 of the JSON object ``content`` without the checksum in it, keys in alphabetical order."""
     others = {name: value for name, value in content.items() if name != KEY}
-    return hashlib.sha256(json.dumps(others, sort_keys=True, default=default).encode()).hexdigest()
+    return hashlib.sha256(json.dumps(others, sort_keys=True).encode()).hexdigest()
 
 
-def with_checksum(
-    content: Mapping[str, object], default: Callable[[object], object] | None = None
-) -> dict[str, object]:
-    """The JSON object ``content`` with its checksum; ``default`` is that of :func:`checksum`."""
-    return {**content, KEY: checksum(content, default)}
+def with_checksum(content: Mapping[str, object]) -> dict[str, object]:
+    """The JSON object ``content`` with its checksum."""
+    return {**content, KEY: checksum(content)}
 
 
 def intact(content: Mapping[str, object]) -> bool:

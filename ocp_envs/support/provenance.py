@@ -127,7 +127,7 @@ def _commit() -> str | None:
         return None
 
 
-def _plain(value: object) -> object:
+def _plain_value(value: object) -> object:
     if isinstance(value, np.ndarray):
         return value.tolist()
     if isinstance(value, np.generic):
@@ -139,6 +139,16 @@ def _plain(value: object) -> object:
     raise TypeError(f"cannot write {type(value).__name__} as JSON")
 
 
+def plain(content: Mapping[str, object]) -> dict[str, object]:
+    """The JSON object ``content`` as it is read back: NumPy arrays and numbers are lists and numbers.
+
+    Raises:
+        TypeError, ValueError: something that JSON cannot hold, such as NaN or infinity.
+    """
+    found: dict[str, object] = json.loads(json.dumps(content, default=_plain_value, allow_nan=False))
+    return found
+
+
 def write_json(path: str | os.PathLike[str], content: Mapping[str, object]) -> None:
     """Write ``content`` as indented JSON to the file ``path``, in one step; its folder is made.
 
@@ -147,7 +157,7 @@ def write_json(path: str | os.PathLike[str], content: Mapping[str, object]) -> N
     Raises:
         TypeError, ValueError: something that JSON cannot hold, such as NaN or infinity; the old file stays.
     """
-    text = json.dumps(content, indent=2, default=_plain, allow_nan=False) + "\n"
+    text = json.dumps(plain(content), indent=2, allow_nan=False) + "\n"
     text = _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text)
     with replacing(path) as file:
         file.write(text.encode())
