@@ -11,6 +11,7 @@ from typing import TypeVar
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
+from moe_policy.experiments.cluster_choice import CLUSTER_COLUMNS, ClusterChoice
 from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
 from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLUMNS
 from moe_policy.experiments.discretisation import Discretisation
@@ -49,6 +50,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("compare", None): table(Comparison, lambda record: record.rows, COLUMNS),
     ("compare_training", None): table(TrainingComparison, lambda record: record.rows, TRAINING_COLUMNS),
     ("compare_splits", None): table(SplitComparison, lines, SPLIT_COLUMNS),
+    ("clusters", None): table(ClusterChoice, lambda record: record.rows, CLUSTER_COLUMNS),
     ("discretisation", None): table(Discretisation, lambda record: record.rows, DISCRETISATION_COLUMNS),
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("budgets", None): table(Budgets, lambda record: record.rows, BUDGET_COLUMNS),

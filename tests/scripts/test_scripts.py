@@ -20,7 +20,7 @@ import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments import cli, comparison, trainings
+from moe_policy.experiments import cli, cluster_models, comparison, trainings
 from moe_policy.experiments.benchmark.parts import Quick
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning.settings import TrainingSettings
@@ -287,6 +287,34 @@ def test_choose_tracking(data, script, run, tmp_path):
     assert len(rows) == 2 * len(module.CONTROL) * len(module.TERMINAL) * len(module.ROOM)
     assert {row["name"] for row in rows} == {"optimal", "snn"}
     assert len({row["plan_end_error_median"] for row in rows if row["name"] == "snn"}) > 10
+
+
+def test_choose_clusters_goes_on(data, script, run, monkeypatch, tmp_path):
+    module = script("choose_clusters")
+    whole = module.benchmark_of(PENDULUM)
+    clusters = dataclasses.replace(whole.clusters, numbers=(2, 3), used=3, instances=40, settings=QUICK)
+    monkeypatch.setattr(module, "benchmark_of", lambda problem: dataclasses.replace(whole, clusters=clusters))
+    monkeypatch.setattr(cluster_models, "WorkerPool", OneThread)
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / PENDULUM.id).symlink_to(data / PENDULUM.id)
+    arguments = ("--seeds", 2, "--data", tmp_path / "data", "--results", tmp_path)
+    run(module, *arguments)
+    record = read(tmp_path / f"clusters_{PENDULUM.id}.json")
+    assert [(row["k"], [model["seed"] for model in row["models"]]) for row in record["rows"]] == [
+        (2, [0, 1]),
+        (3, [0, 1]),
+    ]
+    assert (record["used"], record["samples"], record["split"]) == (3, 40, "development")
+    assert record["cases"] == len(ocp_envs.Database.open(data / PENDULUM.id / "development.zarr", PENDULUM))
+    monkeypatch.setattr(cluster_models, "train", None)
+    run(module, *arguments)
+    assert read(tmp_path / f"clusters_{PENDULUM.id}.json")["rows"] == record["rows"]
+
+
+def test_numbers_of_clusters_must_be_declared(script, run, capsys):
+    with pytest.raises(SystemExit):
+        run(script("choose_clusters"), "--env", "QuadcopterObstacle-v0")
+    assert "no numbers of clusters are declared for QuadcopterObstacle-v0" in capsys.readouterr().err
 
 
 def test_the_other_reading_of_the_cost_swaps_velocity_and_angles(script):

@@ -63,6 +63,20 @@ class Learners:
     unattempted: Mapping[str, str] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Clusters:
+    """Trainings from which the number of k-means clusters is chosen, on the development set."""
+
+    numbers: tuple[int, ...]  # values of k, increasing
+    used: int  # the one that all other experiments use
+    instances: int  # number of training instances, those that were generated first
+    settings: TrainingSettings  # of these trainings
+
+    def __post_init__(self) -> None:
+        if self.used not in self.numbers or list(self.numbers) != sorted(set(self.numbers)):
+            raise ValueError(f"expected increasing numbers of clusters with {self.used}, got {self.numbers}")
+
+
 @dataclass(frozen=True)
 class Overview:
     """Which of several alike methods stands for all of them in the overview."""
@@ -107,6 +121,7 @@ class Benchmark:
     planners: Planners = Planners()  # which planners are trained, compared and shipped
     training: Training = Training()  # how they are trained
     learners: Learners = Learners()  # the reinforcement learners
+    clusters: Clusters | None = None  # the choice of k; ``None`` where it was not chosen by trainings
     overview: Overview = Overview()  # what the overview shows
     published: Mapping[str, Published] = field(default_factory=dict)  # the paper's values by planner
     perturbations: tuple[Perturbation, ...] = SENSING  # of the plant, for robustness

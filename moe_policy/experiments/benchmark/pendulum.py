@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from moe_policy.experiments.benchmark import published
-from moe_policy.experiments.benchmark.parts import Benchmark, Learners, Overview, Planners, Quick, Training
+from moe_policy.experiments.benchmark.parts import Benchmark, Clusters, Learners, Overview, Planners, Quick, Training
 from moe_policy.experiments.perturbations import SENSING, disturbance, mismatch
 from moe_policy.learning.settings import DEFAULT
 from moe_policy.rl.settings import SHORT_SAC, PPOSettings, SACSettings
@@ -47,6 +47,7 @@ BENCHMARK = Benchmark(
         paper=("snn", "moe-custom"),
         depths=published.PENDULUM_DEPTHS,
     ),
+    clusters=Clusters(numbers=(2, 3, 4, 6, 10), used=4, instances=1_281, settings=DEFAULT),
     learners=Learners(
         settings={"sac": SACSettings(), "ppo": _PPO},
         short={"sac": SHORT_SAC},

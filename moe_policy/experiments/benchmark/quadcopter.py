@@ -7,6 +7,7 @@ from dataclasses import replace
 from moe_policy.experiments.benchmark import published
 from moe_policy.experiments.benchmark.parts import (
     Benchmark,
+    Clusters,
     Figures,
     Learners,
     Margin,
@@ -60,6 +61,12 @@ BENCHMARK = Benchmark(
     short="quadcopter",
     planners=Planners(compared=("snn", "moe-kmeans-4"), trained=("snn", "moe-kmeans-4"), stored=2_000),
     training=Training(settings=TrainingSettings(epochs=2000, learning_rate=5e-3, batch=32)),
+    clusters=Clusters(
+        numbers=(2, 4, 8),
+        used=4,
+        instances=2_000,
+        settings=TrainingSettings(epochs=400, learning_rate=5e-3, batch=32),
+    ),
     learners=Learners(settings={"ppo": _PPO}, unattempted=_UNATTEMPTED),
     overview=Overview(learner="ppo", kmeans="moe-kmeans-4"),
     published=published.QUADCOPTER,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from moe_policy.experiments.benchmark import published
-from moe_policy.experiments.benchmark.parts import Benchmark, Learners, Overview, Planners, Quick, Training
+from moe_policy.experiments.benchmark.parts import Benchmark, Clusters, Learners, Overview, Planners, Quick, Training
 from moe_policy.experiments.perturbations import SENSING, disturbance, mismatch
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.rl.settings import PPOSettings, SACSettings
@@ -49,6 +49,12 @@ BENCHMARK = Benchmark(
         sizes={3_000: 640, 10_000: 350, 30_000: 200},
         sized=("snn", "moe-custom", "moe-kmeans-10"),
         over_seeds=(20_000, 100),
+    ),
+    clusters=Clusters(
+        numbers=(4, 6, 8, 10, 14, 20),
+        used=10,
+        instances=20_000,
+        settings=TrainingSettings(epochs=60, learning_rate=3e-3),
     ),
     learners=Learners(
         settings={"sac": _SAC, "ppo": _PPO},
