@@ -54,10 +54,10 @@ class ClusterModel(Record):
     parameters_active: int | None  # number of those that one plan uses
 
     @classmethod
-    def of(cls, planner: NetworkPlanner, k: int, development: Samples, optimal: Episodes) -> Self:
-        """``planner`` with ``k`` clusters on the instances ``development``, whose tracked optima are ``optimal``."""
+    def of(cls, planner: NetworkPlanner, k: int, optimal: Episodes) -> Self:
+        """``planner`` with ``k`` clusters on the instances of ``optimal``, the episodes that track their optima."""
         problem, method = planner.problem, Method(planner.name, planner)
-        row, episodes = comparison.run(problem, method, development.parameters, baseline=optimal, batches=())
+        row, episodes = comparison.run(problem, method, optimal.parameters, baseline=optimal, batches=())
         training, metrics = Training.of(planner), row.metrics
         assert metrics.success_at_plan_end is not None
         constrained = problem.n_clearances > 0
@@ -94,9 +94,9 @@ def train(env_id: str, run: Run, folders: Folders, unfinished: str) -> NetworkPl
     return made
 
 
-def execute(env_id: str, k: int, run: Run, key: str, folders: Folders, development: Samples, optimal: Episodes) -> None:
-    """Train the mixture of ``run`` with ``k`` clusters, evaluate it and keep its record under ``key``."""
-    model = ClusterModel.of(train(env_id, run, folders, key), k, development, optimal)
+def execute(env_id: str, k: int, run: Run, key: str, folders: Folders, optimal: Episodes) -> None:
+    """Train the mixture of ``run`` with ``k`` clusters, evaluate it against ``optimal`` and keep its record, ``key``."""
+    model = ClusterModel.of(train(env_id, run, folders, key), k, optimal)
     write(folders.record(ocp_envs.load(env_id), key), model)
 
 
@@ -129,7 +129,7 @@ def execute_all(
     if missing:
         optimal = tracked_optima(problem, development)
         with WorkerPool(workers) as pool:
-            tasks = [pool.submit(execute, problem.id, *of, keys[of], folders, development, optimal) for of in missing]
+            tasks = [pool.submit(execute, problem.id, *of, keys[of], folders, optimal) for of in missing]
             for task in track(as_completed(tasks), len(tasks), unit="model", label=problem.id):
                 task.result()
     return [[read(path, ClusterModel) for of, path in paths.items() if of[0] == k] for k in clusters.numbers]
