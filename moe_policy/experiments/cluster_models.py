@@ -95,7 +95,7 @@ def train(env_id: str, run: Run, folders: Folders, unfinished: str) -> NetworkPl
 
 
 def execute(env_id: str, k: int, run: Run, key: str, folders: Folders, optimal: Episodes) -> None:
-    """Train the mixture of ``run`` with ``k`` clusters, evaluate it against ``optimal`` and keep its record, ``key``."""
+    """Train the mixture of ``run`` with ``k`` clusters, compare it with ``optimal`` and keep its record as ``key``."""
     model = ClusterModel.of(train(env_id, run, folders, key), k, optimal)
     write(folders.record(ocp_envs.load(env_id), key), model)
 

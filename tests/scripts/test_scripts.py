@@ -8,6 +8,7 @@ import importlib
 import io
 import json
 import os
+import pickle
 import shutil
 import signal
 import subprocess
@@ -229,6 +230,10 @@ class OneThread(ThreadPoolExecutor):
 
     def __init__(self, workers):
         super().__init__(1)
+
+    def submit(self, fn, /, *args, **kwargs):
+        pickle.dumps((args, kwargs))  # a process could take them
+        return super().submit(fn, *args, **kwargs)
 
 
 @pytest.mark.slow
