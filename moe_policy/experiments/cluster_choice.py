@@ -1,7 +1,7 @@
 """The choice of k, the number of clusters of a mixture over k-means clusters, on the development set.
 
 Mixtures with several k are compared by a *measure*: the number of rollouts in the goal ball at the plan's end or, where
-the problem has path constraints, of rollouts that succeed and violate them by less than 5 cm on the whole path. The
+the problem has path constraints, of rollouts that succeed and violate them by at most 5 cm on the whole path. The
 chosen k is the smallest one whose median over the training seeds is not below the 95 % interval (Wilson's) of the
 largest median: more clusters cost more weights and an expert learns from fewer instances.
 """

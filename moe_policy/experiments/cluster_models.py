@@ -30,9 +30,6 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.progress import track
 
-#: Violations in metres below which a rollout is clear, by the name of the field that counts such rollouts.
-CLEAR = {"clear_5_cm": 0.05, "clear_1_cm": 0.01}
-
 
 @dataclass(frozen=True, kw_only=True)
 class ClusterModel(Record):
@@ -42,9 +39,7 @@ class ClusterModel(Record):
     seed: int  # of the training
     at_plan_end: int  # number of rollouts in the goal ball at the plan's end
     success: int  # number of successful rollouts
-    clear_5_cm: int | Absent = (
-        ABSENT  # of them, those that violate path constraints by less than 5 cm on the whole path
-    )
+    clear_5_cm: int | Absent = ABSENT  # of them, those that violate path constraints by at most 5 cm on the whole path
     clear_1_cm: int | Absent = ABSENT  # the same with 1 cm
     relative_cost: float | None  # cost / cost of the tracked optimum
     gate_accuracy: float | Absent | None  # on the test split
@@ -57,17 +52,17 @@ class ClusterModel(Record):
     def of(cls, planner: NetworkPlanner, k: int, optimal: Episodes) -> Self:
         """``planner`` with ``k`` clusters on the instances of ``optimal``, the episodes that track their optima."""
         problem, method = planner.problem, Method(planner.name, planner)
-        row, episodes = comparison.run(problem, method, optimal.parameters, baseline=optimal, batches=())
+        row, _ = comparison.run(problem, method, optimal.parameters, baseline=optimal, batches=())
         training, metrics = Training.of(planner), row.metrics
         assert metrics.success_at_plan_end is not None
-        constrained = problem.n_clearances > 0
-        clear = {name: int((episodes.success & (episodes.violation < limit)).sum()) for name, limit in CLEAR.items()}
+        clear = {tolerance: found.count for tolerance, found in (metrics.success_clear or {}).items()}
         return cls(
             k=k,
             seed=training.seed,
             at_plan_end=metrics.success_at_plan_end.count,
             success=metrics.success.count,
-            **(clear if constrained else {}),
+            clear_5_cm=clear.get("0.05", ABSENT),
+            clear_1_cm=clear.get("0.01", ABSENT),
             relative_cost=metrics.relative_cost,
             gate_accuracy=training.gate_accuracy,
             test_error=training.test_error,
