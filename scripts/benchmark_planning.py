@@ -1,6 +1,7 @@
 """Planning, solving and control steps: how long each takes, compared in one run.
 
-- planners: seconds for each plan, in batches of 1 and of 1,000, and the ratio to solving;
+- planners: seconds for each plan, in batches of 1 and of 1,000, and the ratio to solving; the solver, the nearest
+  neighbour, the networks, and one solve from the plan of each network;
 - solver: from straight lines and random guesses to every winding of the goal (cold), and from the plans of the nearest
   neighbour and of each network (warm): iterations, time, and how often it converges to a verified solution and to the
   best known cost, on the first validation instances; ratios of the time for each instance to that from random guesses;
@@ -13,7 +14,7 @@ Methods take turns, all on one core. Writes ``benchmark_planning_<env>.json``.
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.latency import BATCHES, PLANNING_COLUMNS, Latency, planner_rows, planning_rows, step_rows
-from moe_policy.experiments.methods import optimal_planner, shipped, stabiliser
+from moe_policy.experiments.methods import Method, one_solve, optimal_planner, shipped, stabiliser
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS, cold, solver_rows, warm
 from moe_policy.experiments.speed.solver import ON_ONE_CORE
 from moe_policy.experiments.tables import text_table
@@ -39,13 +40,16 @@ def main() -> None:
     p, best = known.parameters[: arguments.cases], known.cost[: arguments.cases]
     methods = shipped(problem)
     planners = {method.name: method.planner for method in methods if method.planner is not None}
-    planned = planner_rows({"optimal": optimal_planner(problem), **planners}, known.parameters, BATCHES)
     with GuardedSolver(problem, ON_ONE_CORE) as solver:
+        methods = [Method("optimal", optimal_planner(problem)), *methods, *one_solve(problem, methods, solver)]
+        plan = {method.name: method.planner for method in methods if method.planner is not None}
+        planned = planner_rows(plan, known.parameters, BATCHES)
         guesses = {"cold, random": cold(problem, "random"), "cold, line": cold(problem, "line")}
         guesses |= {f"warm, {name}": warm(planner) for name, planner in planners.items()}
         solved = solver_rows(solver, guesses, p, best)
+        episodes = known.parameters[: arguments.episodes + 1]
+        stepped = step_rows(problem, [*methods, *stabiliser(problem)], episodes, DT)
     cli.say(text_table(solved, SOLVER_COLUMNS))
-    stepped = step_rows(problem, [*methods, *stabiliser(problem)], known.parameters[: arguments.episodes + 1], DT)
     record = Latency(
         env_id=problem.id, cases=len(p), dt=DT, planners=planned, solver=solved, steps=stepped, provenance=provenance()
     )

@@ -161,32 +161,62 @@ def _episode(envs: VectorEnv, policy: Policy, p: Array, steps: int) -> list[tupl
 
 @dataclass(frozen=True)
 class PolicyLatency:
-    """A row of the table of planners and policies, of which a method may have but one part."""
+    """A row of the table of planners and policies, of which a method may have but one part.
+
+    ``solver_seconds`` is the time of the first planner for a batch of one plan.
+    """
 
     name: str
     plan: PlanRow | None
     step: StepRow | None
+    solver_seconds: float | None
 
     def at(self, what: str, batch: int) -> float | None:
         """Value of the field ``what`` of ``plan`` for a batch of ``batch`` plans, if there is one."""
         return None if self.plan is None else getattr(self.plan, what).get(str(batch))
 
+    @property
+    def regulators(self) -> float | None:
+        """Seconds for the regulators of one plan."""
+        return None if self.step is None else self.step.regulators_seconds
+
+    def with_regulators(self, plan_seconds: float | None) -> float | None:
+        """Seconds for one plan, which itself takes ``plan_seconds``, and its regulators."""
+        return None if plan_seconds is None or self.regulators is None else plan_seconds + self.regulators
+
+    @property
+    def ready(self) -> float | None:
+        """Seconds for one plan and its regulators: after them the first control step can be taken."""
+        return self.with_regulators(self.at("seconds", 1))
+
+    @property
+    def ratio_ready(self) -> float | None:
+        """Time of the first planner / of this one, both with these regulators."""
+        solver, own = self.with_regulators(self.solver_seconds), self.ready
+        return None if solver is None or own is None else solver / own
+
 
 def planning_rows(record: Latency) -> tuple[PolicyLatency, ...]:
     """Planners and policies of ``record``, a row each."""
     plans, steps = {row.name: row for row in record.planners}, {row.name: row for row in record.steps}
-    return tuple(PolicyLatency(name, plans.get(name), steps.get(name)) for name in dict.fromkeys((*plans, *steps)))
+    solver = record.planners[0].seconds.get("1") if record.planners else None
+    return tuple(
+        PolicyLatency(name, plans.get(name), steps.get(name), solver) for name in dict.fromkeys((*plans, *steps))
+    )
 
 
 def _of_batch(title: str, what: str, batch: int, form: Callable[[float], str]) -> Column[PolicyLatency]:
     return Column(f"{title}{batch:,}", lambda row: row.at(what, batch), form)
 
 
+_ratio = "{:,.3g}".format
 PLANNING_COLUMNS: tuple[Column[PolicyLatency], ...] = (
     Column("policy", lambda row: row.name),
     *(_of_batch("a plan, batch of ", "seconds", batch, duration) for batch in BATCHES),
-    *(_of_batch("solver's time / its, ", "ratio", batch, "{:,.3g}".format) for batch in BATCHES),
-    Column("regulators", lambda row: row.step and row.step.regulators_seconds, duration),
+    *(_of_batch("solver's time / its, ", "ratio", batch, _ratio) for batch in BATCHES),
+    Column("regulators", lambda row: row.regulators, duration),
+    Column("a plan and its regulators, batch of 1", lambda row: row.ready, duration),
+    Column("solver's time / its, both with regulators, 1", lambda row: row.ratio_ready, _ratio),
     Column("a control step", lambda row: row.step and row.step.step_seconds, duration),
     Column("fraction of the period", lambda row: row.step and row.step.step_share_of_period, ".2%"),
 )

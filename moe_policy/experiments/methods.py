@@ -28,7 +28,7 @@ from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import MixtureOfExperts
-from moe_policy.planners.solver import SolverPlanner, lookaround_of
+from moe_policy.planners.solver import BatchSolver, SolverPlanner, lookaround_of
 from moe_policy.planners.symmetric import Symmetrised
 from moe_policy.protocols import Planner, Policy
 from moe_policy.rl.actor import LearnedPolicy
@@ -124,6 +124,15 @@ def optimal_planner(
 ) -> SolverPlanner:
     """The solver as a planner, warm-started from ``nearest``, by default the shipped one if any, and ``guessers``."""
     return SolverPlanner(problem, store.shipped_nearest(problem) if nearest is None else nearest, guessers=guessers)
+
+
+def one_solve(problem: OptimalControlProblem, methods: Sequence[Method], solver: BatchSolver) -> list[Method]:
+    """The networks among ``methods``, each with one solve of ``solver`` from its plan."""
+    return [
+        Method(f"{method.name}, one solve", SolverPlanner(problem, guessers=(method.actor,), solver=solver))
+        for method in methods
+        if isinstance(method.actor, NetworkPlanner)
+    ]
 
 
 def experts_of(methods: Sequence[Method]) -> tuple[Planner, ...]:

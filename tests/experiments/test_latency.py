@@ -12,12 +12,23 @@ import pytest
 import moe_policy
 import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.latency import planner_rows, step_rows, time_planner
+from moe_policy.experiments.latency import (
+    PLANNING_COLUMNS,
+    Latency,
+    PlanRow,
+    StepRow,
+    planner_rows,
+    planning_rows,
+    step_rows,
+    time_planner,
+)
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.speed.guesses import cold, solver_rows, warm
+from moe_policy.experiments.tables import markdown_table
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.provenance import provenance
 from tests.in_process import Solver
 
 P = np.array([[0.5, 0.0], [2.0, 1.0], [4.0, -0.5]])
@@ -134,6 +145,18 @@ def test_steps_of_planners_and_of_policies_are_timed():
         assert row.step_share_of_period == pytest.approx(row.step_seconds / 0.02)
 
 
+def test_the_ratio_with_regulators_adds_them_to_both_planners():
+    step = StepRow(name="snn", plan_seconds=5.0, regulators_seconds=3.0, step_seconds=1e-4, step_share_of_period=0.005)
+    plans = [PlanRow(name=name, seconds={"1": s}, ratio={"1": 9 / s}) for name, s in (("optimal", 9.0), ("snn", 1.0))]
+    record = Latency(
+        env_id=PENDULUM.id, cases=1, dt=0.02, planners=tuple(plans), solver=(), steps=(step,), provenance=provenance()
+    )
+    optimal, snn = planning_rows(record)
+    assert (snn.ready, snn.ratio_ready) == (4.0, 3.0)
+    assert optimal.ready is optimal.ratio_ready is None
+    assert "| snn | 1 s | 9 | 3 s | 4 s | 3 |" in markdown_table([optimal, snn], PLANNING_COLUMNS)
+
+
 @pytest.mark.skipif("moe-custom" not in moe_policy.available(PENDULUM.id), reason="needs the shipped models")
 def test_the_script_times_every_planner(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "scripts"))
@@ -145,13 +168,14 @@ def test_the_script_times_every_planner(monkeypatch, tmp_path):
     module.main()
     record = json.loads((tmp_path / f"benchmark_planning_{PENDULUM.id}.json").read_text())
     planners = ["nearest", *benchmark_of(PENDULUM).planners.compared]
-    assert [row["name"] for row in record["planners"]] == ["optimal", *planners]
+    solved = [f"{name}, one solve" for name in planners if name != "nearest"]
+    assert [row["name"] for row in record["planners"]] == ["optimal", *planners, *solved]
     assert [row["name"] for row in record["solver"]] == [
         "cold, random",
         "cold, line",
         *(f"warm, {name}" for name in planners),
     ]
-    assert {*planners, "stabiliser"} <= {row["name"] for row in record["steps"]}
+    assert {"optimal", *planners, *solved, "stabiliser"} <= {row["name"] for row in record["steps"]}
     assert all(ratio > 0 for row in record["planners"] for ratio in row["ratio"].values())
     assert all(row["ratio"] > 0 for row in record["solver"])
     assert all(row["step_seconds"] > 0 for row in record["steps"])
