@@ -5,11 +5,12 @@ Only hidden layers are named; inputs and outputs follow from the problem.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.checks import check_kind, check_whole
 
 Hidden = tuple[int, ...]
 
@@ -42,8 +43,10 @@ class Architecture:
         parts = [self.single, self.gate]
         for experts in (self.experts, self.kmeans_experts or self.experts):
             parts += [experts.small, experts.large]
-        if any(width < 1 for hidden in parts for width in hidden):
-            raise ValueError(f"hidden layers must have at least one unit, got {parts}")
+        for hidden in parts:
+            check_kind("hidden layers", hidden, Sequence, "write (50,) for one layer of 50 units")
+            for width in hidden:
+                check_whole("units of a hidden layer", width)
 
     def expert(self, size: int, average: float, method: str) -> Hidden:
         """Hidden layers for a cluster of ``size`` samples, found by ``method``, where clusters have ``average``

@@ -20,6 +20,7 @@ from sklearn.decomposition import PCA
 from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.support.arrays import Ints, frozen_array
+from ocp_envs.support.checks import check_whole
 from ocp_envs.support.suggestions import did_you_mean
 
 METHODS = ("custom", "kmeans", "kmeans-pca")
@@ -47,6 +48,8 @@ class Labels:
         values = np.array(self.values)
         if values.ndim != 1 or not np.issubdtype(values.dtype, np.integer):
             raise ValueError(f"labels must be a vector of integers, got {values.dtype} of shape {values.shape}")
+        if isinstance(self.names, str) or not len(self.names):
+            raise ValueError(f"labels must have a name for each cluster, at least one; got names {self.names!r}")
         if (used := np.unique(values).tolist()) != list(range(self.k)):
             raise ValueError(f"labels must use each of 0 … {self.k - 1}, one a name; got {used}")
         object.__setattr__(self, "values", frozen_array(values, np.int64))
@@ -84,6 +87,10 @@ def cluster(
         components: number of principal components, for ``kmeans-pca`` alone.
         seed: of the initial centres of k-means.
         n_init: number of runs of k-means, the best of which is kept.
+
+    Raises:
+        TypeError: a number that is not whole.
+        ValueError: an unknown method, numbers that it does not take or that are out of range, or unusable samples.
     """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; {did_you_mean(method, METHODS)}known are {list(METHODS)}")
@@ -91,6 +98,8 @@ def cluster(
         raise ValueError(f"'components' is needed by 'kmeans-pca' and by nothing else; got {method!r} and {components}")
     if (method == "custom") != (k is None):
         raise ValueError(f"'k' is needed by k-means and not by 'custom'; got method {method!r} and k = {k}")
+    check_whole("seed", seed, 0)
+    check_whole("n_init", n_init)
     samples = samples_of(database)
     if k is None:
         return _by_mode(samples)
@@ -107,8 +116,7 @@ def _by_mode(samples: Samples) -> Labels:
 
 def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, seed: int, n_init: int) -> Labels:
     trajectory, count = samples.trajectory, len(samples.parameters)
-    if not 1 <= k <= count:
-        raise ValueError(f"k must lie in 1 … {count}, the number of samples; got {k}")
+    check_whole("k", k, 1, count)
     fitted_on = np.arange(count)
     if count > FITTED:
         fitted_on = np.sort(np.random.default_rng(seed).permutation(count)[:FITTED])
@@ -118,8 +126,7 @@ def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, se
     settings: dict[str, object] = {"k": k, "seed": seed, "n_init": n_init}
     projection: PCA | None = None
     if components is not None:
-        if not 1 <= components <= min(features.shape):
-            raise ValueError(f"components must lie in 1 … {min(features.shape)}, got {components}")
+        check_whole("components", components, 1, min(features.shape))
         projection = PCA(n_components=components, svd_solver="full").fit(features)
         features = projection.transform(features)
         settings |= {"components": components, "explained": float(projection.explained_variance_ratio_.sum())}

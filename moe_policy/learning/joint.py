@@ -24,9 +24,10 @@ from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import DEFAULT, DEFAULT_ANNEALING, Annealing, TrainingSettings
 from moe_policy.planners.calculation import DEVICE, DTYPE, training
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.networks import ARGMAX, Argmax, Mixing, MixtureOfExperts, Softmax
+from moe_policy.planners.networks import ARGMAX, Argmax, Mixing, MixtureOfExperts, Softmax, check_mixing
 from moe_policy.planners.record import PartReport
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
+from ocp_envs.support.checks import check_kind, check_whole
 
 
 def fit_mixture_jointly(
@@ -56,8 +57,8 @@ def fit_mixture_jointly(
         CheckpointError, FloatingPointError: as :func:`~moe_policy.fit_single` does.
         ValueError: k below 1, or unusable samples.
     """
-    if k < 1:
-        raise ValueError(f"k must be at least 1, got {k}")
+    check_whole("k", k)
+    check_kind("annealing", annealing, Annealing)
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     chosen = architecture or architecture_of(data.problem)
     gate = initial_network(layer_sizes(data.problem, chosen.gate, k), seed, GATE)
@@ -94,9 +95,11 @@ def retrain(
 
     Raises:
         CheckpointError, FloatingPointError: as :func:`~moe_policy.fit_single` does.
-        TypeError: a single network.
+        TypeError: a single network, or a mixing other than ``Argmax()`` and ``Softmax(ε)``.
         ValueError: samples of another problem, or unusable ones.
     """
+    check_mixing(mixing)
+    check_kind("planner", planner, NetworkPlanner)
     if not isinstance(planner.network, MixtureOfExperts):
         raise TypeError(f"only a mixture can be retrained; {planner.name} is a single network")
     problem = samples_of(database).problem

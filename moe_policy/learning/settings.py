@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from ocp_envs.support.checks import check_number, check_whole
+
 
 @dataclass(frozen=True)
 class TrainingSettings:
@@ -25,6 +27,7 @@ class TrainingSettings:
         test_share: fraction of the samples in the test split.
 
     Raises:
+        TypeError: a value that is no number.
         ValueError: a value outside its range.
     """
 
@@ -37,16 +40,15 @@ class TrainingSettings:
     test_share: float = 0.2
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "batch", "gate_batch"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
-        if self.patience is not None and self.patience < 1:
-            raise ValueError(f"patience must be at least 1 or None, got {self.patience}")
-        if not (math.isfinite(self.learning_rate) and self.learning_rate > 0):
-            raise ValueError(f"learning_rate must be positive, got {self.learning_rate}")
-        if not 0 < self.final_fraction <= 1:
+        for name in ("epochs", "batch", "gate_batch", *(() if self.patience is None else ("patience",))):
+            check_whole(name, getattr(self, name))
+            object.__setattr__(self, name, int(getattr(self, name)))  # for records: NumPy's integers are no JSON
+        for name in ("learning_rate", "final_fraction", "test_share"):
+            check_number(name, getattr(self, name), "a finite number above 0", 0.0)
+            object.__setattr__(self, name, float(getattr(self, name)))
+        if self.final_fraction > 1:
             raise ValueError(f"final_fraction must lie in (0, 1], got {self.final_fraction}")
-        if not 0 < self.test_share < 1:
+        if self.test_share >= 1:
             raise ValueError(f"test_share must lie in (0, 1), got {self.test_share}")
 
     @classmethod
@@ -76,6 +78,7 @@ class Annealing:
         share: fraction of the epochs in which ε falls.
 
     Raises:
+        TypeError: a value that is no number.
         ValueError: a value outside its range.
     """
 
@@ -84,6 +87,9 @@ class Annealing:
     share: float = 0.8
 
     def __post_init__(self) -> None:
+        for name in ("start", "end", "share"):
+            check_number(name, getattr(self, name))
+            object.__setattr__(self, name, float(getattr(self, name)))
         if not 0 < self.end <= self.start:
             raise ValueError(f"expected 0 < end ≤ start, got start {self.start} and end {self.end}")
         if not 0 <= self.share < 1:

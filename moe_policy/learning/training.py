@@ -17,9 +17,10 @@ from moe_policy.learning.parts import FIRST_EXPERT, GATE, Part, train_parts
 from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import DEFAULT, TrainingSettings
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.networks import ARGMAX, Mixing, MixtureOfExperts
+from moe_policy.planners.networks import ARGMAX, Mixing, MixtureOfExperts, check_mixing
 from ocp_envs.data.samples import Samples, SampleSource
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.checks import check_kind
 
 
 def fit_single(
@@ -89,8 +90,11 @@ def fit_mixture(
 
     Raises:
         CheckpointError, FloatingPointError: as :func:`fit_single` does.
+        TypeError: a mixing other than ``Argmax()`` and ``Softmax(ε)``, or labels of another type.
         ValueError: labels of other samples, a cluster without a training sample, or unusable samples.
     """
+    check_mixing(mixing)
+    check_kind("labels", labels, Labels, "make them with cluster(database, …)")
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     parts = _decoupled(data, labels, architecture or architecture_of(data.problem))
     (gate, *experts), reports = zip(*train_parts(parts, executor))

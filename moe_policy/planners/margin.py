@@ -7,13 +7,12 @@ the longer path.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.protocols import Planner
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.checks import check_number
 from ocp_envs.trajectory import Trajectory
 
 
@@ -36,8 +35,7 @@ class WithMargin:
     ) -> None:
         if parameter not in problem.context.names or parameter not in problem.parameters.names:
             raise ValueError(f"expected a parameter of the context {problem.context.names}, got {parameter!r}")
-        if not math.isfinite(margin):
-            raise ValueError(f"the margin must be finite, got {margin}")
+        check_number("margin", margin)
         self.problem, self.planner, self.margin = problem, planner, margin
         self.name = name or f"{getattr(planner, 'name', 'planner')}, {parameter} + {margin:g}"
         self._shift = margin * (np.array(problem.parameters.names) == parameter)

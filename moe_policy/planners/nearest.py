@@ -12,6 +12,7 @@ from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.checks import check_whole
 from ocp_envs.trajectory import Trajectory
 
 
@@ -35,8 +36,7 @@ class NearestPlanner:
 
     def neighbours(self, p: ArrayLike, k: int = 1) -> Ints:
         """Rows (B, k) of the ``k`` stored parameters that are nearest to ``p`` (B, np) or (np,), nearest first."""
-        if not 1 <= k <= len(self.parameters):
-            raise ValueError(f"k must lie in 1 … {len(self.parameters)}, the number of stored samples; got {k}")
+        check_whole("k", k, 1, len(self.parameters))
         return self._rows(self.problem.in_one_turn(p)[0], k)
 
     def _rows(self, within: Array, k: int) -> Ints:

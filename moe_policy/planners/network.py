@@ -33,6 +33,7 @@ from moe_policy.planners.record import TrainingReport
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.checks import check_kind
 from ocp_envs.trajectory import Trajectory
 
 
@@ -61,6 +62,9 @@ class NetworkPlanner:
     report: TrainingReport | None = None
 
     def __post_init__(self) -> None:
+        check_kind("network", self.network, (SingleNetwork, MixtureOfExperts))
+        for name in ("inputs", "outputs"):
+            check_kind(name, getattr(self, name), Standardizer)
         # The experts of a mixture have the same inputs and outputs.
         experts = self.network.experts if isinstance(self.network, MixtureOfExperts) else [self.network]
         sizes = cast(SingleNetwork, experts[0]).sizes
@@ -125,7 +129,7 @@ class NetworkPlanner:
             for i, expert in enumerate(experts)
         )
 
-    def module(self) -> PlannerModule:
+    def module(self) -> torch.nn.Module:
         """This planner as a PyTorch module from p (B, np) to flat plans (B, flat_size), for export.
 
         Its graph, recorded by ``torch.export``, ``torch.onnx`` or ``torch.jit.trace``, is right for every p and every

@@ -21,6 +21,7 @@ from torch import Tensor, nn
 from torch.nn import functional as F
 
 from moe_policy.planners.calculation import DEVICE, DTYPE
+from ocp_envs.support.checks import check_number, check_whole
 
 NEGATIVE_SLOPE = 0.2
 
@@ -37,8 +38,7 @@ class Softmax:
     epsilon: float = 1.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.epsilon) and self.epsilon > 0):
-            raise ValueError(f"epsilon must be positive and finite, got {self.epsilon}; its limit 0 is Argmax()")
+        check_number("epsilon", self.epsilon, "a positive number, whose limit 0 is Argmax()", 0.0)
 
 
 Mixing = Argmax | Softmax
@@ -46,7 +46,7 @@ ARGMAX = Argmax()
 
 
 def check_mixing(mixing: object) -> None:
-    """Refuse with a TypeError what is neither ``Argmax()`` nor ``Softmax(ε)``."""
+    """Refuse with a TypeError a ``mixing`` that is neither ``Argmax()`` nor ``Softmax(ε)``."""
     if not isinstance(mixing, (Argmax, Softmax)):
         raise TypeError(f"expected Argmax() or Softmax(epsilon) of moe_policy as mixing, got {mixing!r}")
 
@@ -62,9 +62,11 @@ class SingleNetwork(nn.Module):
 
     def __init__(self, sizes: Sequence[int], generator: torch.Generator | None = None) -> None:
         super().__init__()
+        if len(sizes) < 2 or min(sizes) < 1:
+            raise ValueError(f"sizes must name at least an input and an output layer, all positive; got {sizes}")
+        for size in sizes:
+            check_whole("a layer's size", size)
         self.sizes = tuple(int(size) for size in sizes)
-        if len(self.sizes) < 2 or min(self.sizes) < 1:
-            raise ValueError(f"sizes must name at least an input and an output layer, all positive; got {self.sizes}")
         self.weights = nn.ParameterList()
         self.biases = nn.ParameterList()
         for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:]):

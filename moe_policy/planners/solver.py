@@ -19,6 +19,7 @@ from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses, random
 from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.checks import check_whole
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
@@ -103,11 +104,14 @@ class SolverPlanner:
     ) -> None:
         self.problem, self.name, self.seed, self.neighbours = problem, name, seed, neighbours
         self.lookaround = lookaround_of(problem) if lookaround is None else lookaround
+        check_whole("lookaround", self.lookaround)
         self.guessers = _checked_guessers(problem, guessers)
         default = 0 if self.guessers or database is not None else RANDOM_GUESSES
         self.random_guesses = default if random_guesses is None else random_guesses
+        for argument, value in {"neighbours": neighbours, "random_guesses": self.random_guesses, "seed": seed}.items():
+            check_whole(argument, value, 0)
         self._nearest = _nearest(problem, database) if database is not None and neighbours > 0 else None
-        if self.random_guesses < 0 or not (self.random_guesses or self.guessers or self._nearest):
+        if not (self.random_guesses or self.guessers or self._nearest):
             raise ValueError("no guesses: give a database with neighbours ≥ 1, guessers, or random_guesses ≥ 1")
         self.solver: BatchSolver = GuardedSolver(problem) if solver is None else solver
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -105,7 +106,9 @@ def samples_of(data: Samples | SampleSource) -> Samples:
     if not isinstance(samples, Samples):
         raise TypeError(f"expected a Database or its samples, got {type(data).__name__}")
     if not len(samples):
-        raise ValueError(f"expected at least one sample of {samples.problem.id}, got none; solve some instances first")
+        instances = 0 if given or not isinstance(data, Sized) else len(data)
+        got = f"none of its {instances} instances is solved" if instances else "got none; solve some instances first"
+        raise ValueError(f"expected at least one sample of {samples.problem.id}, {got}")
     if given:  # a database has checked its own
         samples.problem.check_parameters(samples.parameters, extrapolate=True)
         if bad := int((~samples.trajectory.finite).sum()):

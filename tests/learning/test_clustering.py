@@ -72,8 +72,25 @@ def test_wrong_arguments_are_named():
         cluster(samples, "custom", k=3)
     with pytest.raises(ValueError, match="'components' is needed"):
         cluster(samples, "kmeans-pca", k=3)
-    with pytest.raises(ValueError, match="k must lie in 1 … 20"):
+    with pytest.raises(ValueError, match="k: expected a whole number in 1 … 20, got 21"):
         cluster(samples, "kmeans", k=21)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "name"),
+    [
+        ({"k": 0}, ValueError, "k"),
+        ({"k": -3}, ValueError, "k"),
+        ({"k": 2.5}, TypeError, "k"),
+        ({"k": True}, TypeError, "k"),
+        ({"k": 2, "seed": -1}, ValueError, "seed"),
+        ({"k": 2, "n_init": 0}, ValueError, "n_init"),
+        ({"k": 2, "n_init": "many"}, TypeError, "n_init"),
+    ],
+)
+def test_wrong_numbers_are_named(arguments, error, name):
+    with pytest.raises(error, match=f"^{name}: expected a whole number"):
+        cluster(fake_samples(count=20), "kmeans", **arguments)
 
 
 def test_unusable_samples_are_refused():
@@ -91,8 +108,25 @@ def test_unusable_samples_are_refused():
         samples_of(np.ones(3))
 
 
+def test_a_database_without_a_solution_says_so():
+    class Unsolved:
+        def __len__(self):
+            return 5
+
+        def samples(self):
+            return fake_samples(count=5)[:0]
+
+    with pytest.raises(ValueError, match="none of its 5 instances is solved"):
+        samples_of(Unsolved())
+
+
 def test_labels_are_checked():
     with pytest.raises(ValueError, match="each of 0 … 1"):
         Labels(np.array([0, 0, 2]), ("a", "b"), "custom")
     with pytest.raises(ValueError, match="integers"):
         Labels(np.array([0.0, 1.0]), ("a", "b"), "custom")
+    with pytest.raises(ValueError, match="each of 0 … 1"):
+        Labels(np.array([0, -1]), ("a", "b"), "custom")
+    for names in ((), "ab"):
+        with pytest.raises(ValueError, match="a name for each cluster"):
+            Labels(np.array([0, 1]), names, "custom")

@@ -5,9 +5,10 @@ import dataclasses
 import pytest
 import torch
 
+from moe_policy.learning.clustering import cluster
 from moe_policy.learning.joint import fit_mixture_jointly, retrain
 from moe_policy.learning.settings import Annealing, TrainingSettings
-from moe_policy.learning.training import fit_single
+from moe_policy.learning.training import fit_mixture, fit_single
 from moe_policy.planners.networks import ARGMAX, Softmax
 from tests.trainings import QUICK, equal, weights
 
@@ -56,8 +57,23 @@ def test_the_seed_decides_a_joint_training(samples):
 
 
 def test_a_mixture_needs_an_expert(samples):
-    with pytest.raises(ValueError, match="k must be at least 1, got 0"):
+    with pytest.raises(ValueError, match="k: expected a whole number of at least 1, got 0"):
         fit_mixture_jointly(samples, 0, settings=QUICK)
+    with pytest.raises(TypeError, match="k: expected a whole number"):
+        fit_mixture_jointly(samples, 2.5, settings=QUICK)
+    with pytest.raises(TypeError, match="annealing: expected Annealing"):
+        fit_mixture_jointly(samples, 2, settings=QUICK, annealing=0.1)
+
+
+@pytest.mark.parametrize("mixing", ["softmax", 0.1, Softmax])
+def test_nothing_is_trained_with_an_unknown_mixing(samples, pretrained, mixing):
+    for fit in (
+        lambda: fit_mixture(samples, cluster(samples, "custom"), mixing=mixing),
+        lambda: retrain(pretrained, samples, mixing),
+        lambda: dataclasses.replace(pretrained, mixing=mixing),
+    ):
+        with pytest.raises(TypeError, match=r"expected Argmax\(\) or Softmax\(epsilon\) .* as mixing, got"):
+            fit()
 
 
 def test_only_a_mixture_can_be_retrained(samples):

@@ -131,6 +131,25 @@ def test_patience_stops_and_the_best_weights_are_kept(samples):
     assert min(part.test_losses) == part.test_loss
 
 
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"settings": {"epochs": 3}}, "settings: expected TrainingSettings, got dict"),
+        ({"seed": -1}, "seed: expected a whole number of at least 0, got -1"),
+        ({"seed": 1.5}, "seed: expected a whole number"),
+        ({"checkpoints": 3}, "checkpoints: expected str or PathLike, got int 3; give a folder"),
+    ],
+)
+def test_wrong_arguments_are_named(samples, arguments, match):
+    with pytest.raises((TypeError, ValueError), match=match):
+        fit_single(samples, **{"settings": QUICK} | arguments)
+
+
+def test_labels_are_those_of_a_clustering(samples):
+    with pytest.raises(TypeError, match=r"labels: expected Labels, got ndarray .*; make them with cluster"):
+        fit_mixture(samples, samples.mode, settings=QUICK)
+
+
 def test_mistakes_are_named(samples):
     with pytest.raises(ValueError, match=r"needs layer sizes \(2, …, 75\)"):
         fit_single(samples, sizes=(3, 20, 75), settings=QUICK)

@@ -146,6 +146,15 @@ def test_guesses_belong_to_the_problem(arguments):
         SolverPlanner(QUADCOPTER_OBSTACLE, **arguments, solver=Recorder())
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [{"neighbours": -1}, {"lookaround": 0}, {"random_guesses": -1}, {"random_guesses": 1.5}, {"seed": -1}],
+)
+def test_wrong_numbers_are_named(arguments):
+    with pytest.raises((TypeError, ValueError), match=f"^{next(iter(arguments))}: expected a whole number"):
+        SolverPlanner(PENDULUM, SAMPLES, solver=Recorder(), **arguments)
+
+
 def test_without_guesses_there_is_nothing_to_solve():
     with pytest.raises(ValueError, match="no guesses"):
         SolverPlanner(PENDULUM, random_guesses=0, solver=Recorder())
