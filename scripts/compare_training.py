@@ -121,12 +121,12 @@ def main() -> None:
     began, problem = time.perf_counter(), arguments.problem
     folders = Folders(arguments.data / problem.id, arguments.data / "compare_training" / problem.id)
     training, benchmark = cli.database(arguments, "training"), benchmark_of(problem)
-    total = len(training.solved(training.first(benchmark.training.instances)))
-    largest = list(trainings.planned_on_all(training, total))
-    equal = trainings.over_seeds(problem, arguments.seeds, total)
     if arguments.over_seeds:
+        equal = trainings.over_seeds(training, arguments.seeds)
         trainings.train_all(problem, {run: run.key(training.key) for run in equal}, folders, arguments.workers)
         return
+    total = len(training.solved(training.first(benchmark.training.instances)))
+    largest = list(trainings.planned_on_all(training, total))
     cli.database(arguments, "validation")  # for the evaluation; trainings would end without it
     runs = {run: run.key(training.key) for run in (*largest, *trainings.planned(problem, arguments.seeds, total))}
     models = trainings.execute_all(problem, runs, folders, arguments.workers, arguments.names)

@@ -55,6 +55,9 @@ class Run:
     samples: int  # number of training instances
     settings: TrainingSettings  # of the training
     hidden: tuple[int, ...] | None = None  # hidden layers of a single network; ``None`` for those of the recipe
+    first: int | None = (
+        None  # number of instances of the database it is trained on; ``None`` for those of the benchmark
+    )
 
     def key(self, data: str) -> str:
         """Name of its files; ``data`` is the key of the training database."""
@@ -81,10 +84,10 @@ class Folders:
         return self.work / f"{key}-{_hash(tracking)}.json"
 
     @lru_cache(maxsize=4)  # noqa: B019 - one for each process
-    def samples(self, problem: OptimalControlProblem, name: str) -> Samples:
-        """A split; of the training set the instances that the benchmark trains on, or with ``WHOLE`` all."""
+    def samples(self, problem: OptimalControlProblem, name: str, first: int | None = None) -> Samples:
+        """A split; of the training set the ``first`` instances, by default those of the benchmark, or ``WHOLE``."""
         database = ocp_envs.Database.open(self.data / f"{'training' if name == WHOLE else name}.zarr", problem)
-        few = database.first(benchmark_of(problem).training.instances) if name == "training" else None
+        few = database.first(first or benchmark_of(problem).training.instances) if name == "training" else None
         return database.samples(few)
 
 
@@ -95,13 +98,15 @@ def sizes_of(benchmark: Benchmark, total: int) -> list[tuple[int, TrainingSettin
     return [*smaller, (total, settings)]
 
 
-def over_seeds(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run]:
-    """The runs of the compared networks with ``seeds`` seeds and equal settings, all on equally many instances."""
-    benchmark = benchmark_of(problem)
-    samples, epochs = benchmark.training.over_seeds or (total, benchmark.training.settings.epochs)
-    settings = dataclasses.replace(benchmark.training.settings, epochs=epochs)
+def over_seeds(database: ocp_envs.Database, seeds: int) -> Iterator[Run]:
+    """The runs of the compared networks with ``seeds`` seeds and equal settings, all on the same instances."""
+    benchmark = benchmark_of(database.problem)
+    training = benchmark.training
+    first, epochs = training.over_seeds or (training.instances, training.settings.epochs)
+    total = len(database.solved(database.first(first)))
+    settings = dataclasses.replace(training.settings, epochs=epochs)
     for name in benchmark.planners.compared:
-        yield from (Run(name, seed, min(samples, total), settings) for seed in range(seeds))
+        yield from (Run(name, seed, total, settings, first=first) for seed in range(seeds))
 
 
 def planned(problem: OptimalControlProblem, seeds: int, total: int) -> Iterator[Run]:
@@ -132,7 +137,7 @@ def planned_on_all(database: ocp_envs.Database, total: int) -> Iterator[Run]:
 def train(problem: OptimalControlProblem, run: Run, folders: Folders, checkpoints: Path) -> NetworkPlanner:
     """The network of ``run``; the unfinished training is kept in the folder ``checkpoints``."""
     on_all = run.settings == benchmark_of(problem).training.whole.get(run.name)
-    samples = folders.samples(problem, WHOLE if on_all else "training")
+    samples = folders.samples(problem, WHOLE if on_all else "training", run.first)
     if run.samples < len(samples):
         samples = samples[np.sort(np.random.default_rng(run.seed).permutation(len(samples))[: run.samples])]
     if run.hidden is None:
@@ -205,10 +210,9 @@ def networks(problem: OptimalControlProblem, data: Path, seeds: int) -> dict[Run
     Raises:
         FileNotFoundError: one was not trained; the message has the command that trains it.
     """
-    folders, benchmark = Folders(data / problem.id, data / "compare_training" / problem.id), benchmark_of(problem)
+    folders = Folders(data / problem.id, data / "compare_training" / problem.id)
     training = ocp_envs.Database.open(folders.data / "training.zarr", problem)
-    total = len(training.solved(training.first(benchmark.training.instances)))
-    found = {run: folders.model(run.key(training.key)) for run in over_seeds(problem, seeds, total)}
+    found = {run: folders.model(run.key(training.key)) for run in over_seeds(training, seeds)}
     for run, path in found.items():
         if not Path(f"{path}.json").exists():
             command = f"scripts/compare_training.py --env {problem.id} --seeds {seeds} --over-seeds"

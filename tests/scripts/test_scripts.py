@@ -282,6 +282,26 @@ def test_kept_models_are_evaluated_again_without_training(data, monkeypatch, tmp
     assert again == first
 
 
+def test_networks_over_seeds_share_instances_and_settings(data, monkeypatch, tmp_path):
+    benchmark = trainings.benchmark_of(PENDULUM)
+    training = dataclasses.replace(benchmark.training, settings=QUICK, over_seeds=(30, 3))
+    few = dataclasses.replace(benchmark, training=training)
+    monkeypatch.setattr(trainings, "benchmark_of", lambda problem: few)
+    monkeypatch.setattr(trainings, "WorkerPool", OneThread)
+    (tmp_path / PENDULUM.id).mkdir()
+    (tmp_path / PENDULUM.id / "training.zarr").symlink_to(data / PENDULUM.id / "training.zarr")
+    database = ocp_envs.Database.open(data / PENDULUM.id / "training.zarr")
+    runs = {run: run.key(database.key) for run in trainings.over_seeds(database, 2)}
+    assert {(run.samples, run.settings.epochs) for run in runs} == {(30, 3)}
+    with pytest.raises(FileNotFoundError, match=r"has no snn of seed 0.*--over-seeds"):
+        trainings.networks(PENDULUM, tmp_path, 2)
+    folders = trainings.Folders(tmp_path / PENDULUM.id, tmp_path / "compare_training" / PENDULUM.id)
+    trainings.train_all(PENDULUM, runs, folders)
+    found = trainings.networks(PENDULUM, tmp_path, 2)
+    assert [(run.name, run.seed) for run in found] == [(name, s) for name in few.planners.compared for s in (0, 1)]
+    assert {planner.details["samples"] for planner in found.values()} == {30}
+
+
 def test_choose_tracking(data, script, run, tmp_path):
     module = script("choose_tracking")
     fitted = moe_policy.fit_single(ocp_envs.Database.open(data / PENDULUM.id / "training.zarr"), settings=QUICK)
