@@ -146,7 +146,7 @@ def main() -> None:
     sources = Sources.read(arguments.records, arguments.problem)
     record = compare(arguments.problem, sources, arguments.cases, arguments.data)
     budgets_figure(cli.publish(arguments, f"budgets_{record.env_id}", record).with_suffix(".png"), record)
-    cli.say(text_table(record.rows, BUDGET_COLUMNS))
+    cli.say(text_table(record.relative().rows, BUDGET_COLUMNS))
     for what, why in record.not_attempted.items():
         cli.say(f"not attempted: {what}: {why}")
 

@@ -49,6 +49,9 @@ from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance
 
+#: Number of instances of a split, the first ones, on which the networks of several seeds are compared.
+SEED_CASES = 2_000
+
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
@@ -82,10 +85,11 @@ def compare_on(
         rows[method.name], episodes[method.name] = SplitRow.of(problem, row, made), made
         cli.say(f"{split}, {method.name}: {row.metrics.success.count} of {len(cases)}")
     seeds = {}
+    few, baseline = p[:SEED_CASES], optimum.baseline[:SEED_CASES]
     for training, planner in track(networks.items(), len(networks), unit="network", label=split, leave=False):
-        row, _ = run(problem, Method(training.name, planner), p, baseline=optimum.baseline, batches=())
+        row, _ = run(problem, Method(training.name, planner), few, baseline=baseline, batches=())
         seeds[training] = row.metrics
-        cli.say(f"{split}, {training.name}, seed {training.seed}: {row.metrics.success.count} of {len(cases)}")
+        cli.say(f"{split}, {training.name}, seed {training.seed}: {row.metrics.success.count} of {len(few)}")
     solved = np.isfinite(optimum.costs)
     summary = SplitSummary(
         cases=len(cases),

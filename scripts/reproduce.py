@@ -39,8 +39,9 @@ from moe_policy.experiments.paper_tables import (
     summary,
     summary_columns,
 )
-from moe_policy.experiments.records import ABSENT, Record, read, write
+from moe_policy.experiments.records import ABSENT, Record, present, read, write
 from moe_policy.experiments.seeds import Model, Training, TrainingComparison, TrainingRow
+from moe_policy.experiments.splits import SplitComparison
 from moe_policy.experiments.tables import markdown_table
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.problem import OptimalControlProblem
@@ -107,7 +108,10 @@ class Made:
         """What the overview is made from; in the quick form from the comparison alone."""
         if self.quick:
             return Sources(self.comparison)
-        return Sources(self.comparison, self.trained.rows, learner_trainings(self.results, self.problem))
+        path = self.results / f"compare_splits_{self.problem.id}.json"
+        seeds = present(read(path, SplitComparison).seeds) if path.exists() else None
+        learners = learner_trainings(self.results, self.problem)
+        return Sources(self.comparison, self.trained.rows, learners, seeds or ())
 
     @cached_property
     def trained(self) -> TrainingComparison:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Self
+from typing import Self, TypeVar
 
 from moe_policy.experiments.learner_budgets import DevelopmentMetrics, LearnerBudget
 from moe_policy.experiments.learners import CaseSet
@@ -17,6 +17,7 @@ from moe_policy.experiments.records import ABSENT, Absent, Record, inline
 from moe_policy.experiments.tables import Column, duration
 from ocp_envs.support.provenance import Provenance
 
+Of = TypeVar("Of", "ShippedPlanner", "Level")
 #: What each side is given, word for word in every record.
 GIVEN = {
     "planners": (
@@ -91,6 +92,24 @@ class Budgets(Record):
     provenance: Provenance  # of the record
     rows: tuple[BudgetRow, ...] = ()  # the table
 
+    def relative(self) -> Self:
+        """The record with costs relative to the tracked optimum, as in all other tables, and with its table.
+
+        The ratios of the record are to the optimal costs to the centre of the goal ball, since trainings keep no costs
+        of single episodes. Each is divided by the ratio of the tracked optimum, whose episodes end at the edge of the
+        ball, too. The result is exact for methods that succeed from all parameters.
+        """
+        optimum = next((level.development.cost_ratio for level in self.levels), None)
+        if optimum is None:
+            return self
+        replaced = dataclasses.replace(
+            self,
+            learners={name: learner.relative(optimum) for name, learner in self.learners.items()},
+            shipped=tuple(_relative(planner, optimum) for planner in self.shipped),
+            levels=tuple(_relative(level, optimum) for level in self.levels),
+        )
+        return replaced.with_rows()
+
     def with_rows(self) -> Self:
         """The record with its table.
 
@@ -103,6 +122,10 @@ class Budgets(Record):
         rows += [_planner_row(planner) for planner in self.shipped]
         rows += [BudgetRow(name=level.name, development=level.development) for level in self.levels]
         return dataclasses.replace(self, rows=tuple(rows))
+
+
+def _relative(one: Of, optimum: float) -> Of:
+    return dataclasses.replace(one, development=one.development.relative(optimum))
 
 
 def _learner_rows(name: str, learner: LearnerBudget) -> list[BudgetRow]:

@@ -7,7 +7,7 @@ often these enclose the median of all seeds).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -47,6 +47,10 @@ class Curve(Record):
             violation=tuple(present(point.violation) for point in run.curve),
         )
 
+    def relative(self, optimum: float) -> Self:
+        """The curve with cost ratios in units of that of the ``optimum``."""
+        return replace(self, cost_ratio=tuple(None if ratio is None else ratio / optimum for ratio in self.cost_ratio))
+
 
 @dataclass(frozen=True, kw_only=True)
 class DevelopmentMetrics(Record):
@@ -84,6 +88,10 @@ class DevelopmentMetrics(Record):
             mean_return=curve.mean_return[-1],
             violation=curve.violation[-1],
         )
+
+    def relative(self, optimum: float) -> Self:
+        """The metrics with a cost ratio in units of that of the ``optimum``."""
+        return self if self.cost_ratio is None else replace(self, cost_ratio=self.cost_ratio / optimum)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +134,11 @@ class LearnerBudget(Record):
             curves=tuple(Curve.of(run) for run in runs),
             chosen=chosen,
         )
+
+    def relative(self, optimum: float) -> Self:
+        """The budget with cost ratios in units of that of the ``optimum``."""
+        chosen = self.chosen and replace(self.chosen, development=self.chosen.development.relative(optimum))
+        return replace(self, curves=tuple(curve.relative(optimum) for curve in self.curves), chosen=chosen)
 
 
 def over_seeds(curves: Iterable[tuple[Sequence[float], Sequence[float | None]]]) -> tuple[Array, Array]:

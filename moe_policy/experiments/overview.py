@@ -13,10 +13,12 @@ from functools import partial
 from moe_policy.experiments.benchmark.parts import Overview
 from moe_policy.experiments.comparison import Comparison
 from moe_policy.experiments.learners import LearnerTraining
-from moe_policy.experiments.metric_columns import COST
+from moe_policy.experiments.metric_columns import COST, METRICS
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline
 from moe_policy.experiments.seeds import Range, TrainingRow
+from moe_policy.experiments.splits import SeedsRow
 from moe_policy.experiments.tables import Column
+from moe_policy.rollouts.intervals import Spread
 from moe_policy.rollouts.metrics import TOLERANCES, Metrics
 from ocp_envs.support.provenance import Provenance
 
@@ -39,6 +41,12 @@ class OverviewTable(Record):
     provenance: Provenance  # of the record
 
 
+#: What is shown of networks that were trained with equal settings, by the key of the metric.
+EQUALLY_TRAINED = {
+    "success_clear_0.01": "within 1 cm",
+    "success_clear_0.05": "within 5 cm",
+    "violation_mean": "mean violation on the whole path, m",
+}
 #: Title of the column of the learner, whose name follows its first value.
 RL = "RL"
 
@@ -74,6 +82,7 @@ class Sources:
     comparison: Comparison  # all methods, networks with one training seed
     trained: Sequence[TrainingRow] = ()  # networks over several seeds, on the same instances
     learners: Mapping[str, Sequence[LearnerTraining]] = field(default_factory=dict)  # learners over several seeds
+    seeds: Sequence[SeedsRow] = ()  # networks over several seeds that were trained with equal settings
 
 
 @dataclass(frozen=True)
@@ -103,7 +112,7 @@ def overview_rows(sources: Sources, overview: Overview) -> list[OverviewRow]:
     texts[measures[-2].title] |= _learner(sources, overview)
     if named := next((cells for cells in texts.values() if cells.get(RL)), None):
         named[RL] = f"{named[RL]} ({overview.learner})"
-    whole: dict[str, dict[str, str | None]] = {**texts, **_equal_training(sources, measures, names)}
+    whole: dict[str, dict[str, str | None]] = {**texts, **_equal_training(sources, names)}
     return [
         OverviewRow(env_id="" if i else comparison.env_id, measure=measure, cells=cells)
         for i, (measure, cells) in enumerate(whole.items())
@@ -116,16 +125,22 @@ def _over_seeds(measure: _Measure, rows: Mapping[str, TrainingRow | None]) -> di
     return {title: _range(spread, measure.form) for title, spread in spreads.items() if spread is not ABSENT}
 
 
-def _equal_training(
-    sources: Sources, measures: Sequence[_Measure], names: Mapping[str, str | None]
-) -> dict[str, dict[str, str | None]]:
-    """The rows of networks that were trained with equal settings on fewer instances than the compared ones."""
-    fewer = {row.name.partition(", ")[0]: row for row in sources.trained if row.name.endswith(" problems")}
-    found = {title: fewer.get(name or "") for title, name in names.items()}
-    counts = {row.samples for row in fewer.values()}
-    label = ", ".join(f"{count:,}" for count in sorted(counts))
-    texts = {measure.title: _over_seeds(measure, found) for measure in measures}
-    return {f"{title}; equal training on {label} instances": {**cells} for title, cells in texts.items() if cells}
+def _equal_training(sources: Sources, names: Mapping[str, str | None]) -> dict[str, dict[str, str | None]]:
+    """The rows of networks over seeds with equal settings on fewer instances, where the compared ones have others."""
+    if not any(row.name.endswith(" problems") for row in sources.trained):
+        return {}
+    rows = {title: row for title, name in names.items() for row in sources.seeds if row.name == name}
+    texts: dict[str, dict[str, str | None]] = {}
+    for metric in METRICS:
+        cells = {}
+        for title, row in rows.items():
+            if (spread := row.splits["uniform"].get(metric.key)) is not None:
+                cells[title] = _range(spread, metric.form)
+        if cells and metric.key in EQUALLY_TRAINED:
+            one = next(iter(rows.values()))
+            title = f"equal training ({one.samples:,} instances, {one.epochs} epochs): {EQUALLY_TRAINED[metric.key]}"
+            texts[f"{title}, of {one.cases['uniform']:,}" if metric.form == "g" else title] = {**cells}
+    return texts
 
 
 def _learner(sources: Sources, overview: Overview) -> dict[str, str]:
@@ -171,6 +186,6 @@ def _violation(metrics: Metrics) -> str | None:
     return None if metrics.violation is None else f"{metrics.violation.mean.mean:.3f}"
 
 
-def _range(spread: Range, form: str) -> str:
+def _range(spread: Range | Spread, form: str) -> str:
     middle, low, high = (format(value, form) for value in (spread.median, spread.minimum, spread.maximum))
     return f"{middle} ({low}–{high})"

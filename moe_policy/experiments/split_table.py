@@ -28,7 +28,7 @@ def lines(record: SplitComparison) -> list[Line]:
     found = []
     for split in record.splits:
         rows = [Line(split, method.name, method.splits[split].row.metrics) for method in record.rows]
-        rows += [Line(split, row.label, spreads=row.splits[split]) for row in present(record.seeds) or ()]
+        rows += [Line(split, row.label(split), spreads=row.splits[split]) for row in present(record.seeds) or ()]
         found += [line if i == 0 else replace(line, split="") for i, line in enumerate(rows)]
     return found
 

@@ -62,6 +62,7 @@ class SeedsRow(Record):
     samples: int  # number of training instances
     epochs: int  # passes over them
     seeds: tuple[int, ...]  # of the trainings
+    cases: dict[str, int]  # number of instances by split
     splits: dict[str, dict[str, Spread]]  # by split and measure
 
     @classmethod
@@ -77,12 +78,18 @@ class SeedsRow(Record):
             }
             for split, found in metrics.items()
         }
-        return cls(name=name, samples=samples, epochs=epochs, seeds=tuple(run.seed for run in runs), splits=splits)
+        return cls(
+            name=name,
+            samples=samples,
+            epochs=epochs,
+            seeds=tuple(run.seed for run in runs),
+            cases={split: found[0].success.total for split, found in metrics.items()},
+            splits=splits,
+        )
 
-    @property
-    def label(self) -> str:
-        """Name in tables."""
-        return f"{self.name}, {len(self.seeds)} seeds, {self.samples:,} instances"
+    def label(self, split: str) -> str:
+        """Name in the table of ``split``."""
+        return f"{self.name}, {len(self.seeds)} seeds, of {self.cases[split]:,}"
 
 
 @dataclass(frozen=True, kw_only=True)

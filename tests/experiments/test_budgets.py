@@ -99,6 +99,16 @@ def test_the_figure_shows_what_is_there(tmp_path):
     assert heights(budgets_figure(tmp_path / "unknown.png", a_record(planners=planners, shipped=shipped))) == whole
 
 
+@pytest.mark.parametrize("path", sorted(RESULTS.glob("budgets_*.json")), ids=lambda path: path.stem)
+def test_costs_in_the_table_are_relative_to_the_tracked_optimum(path):
+    record = read(path, Budgets)
+    table, optimum = record.relative(), record.levels[0].development.cost_ratio
+    assert table.levels[0].development.cost_ratio == 1.0
+    for relative, absolute in zip(table.rows, record.rows, strict=True):
+        found, known = relative.development.cost_ratio, absolute.development.cost_ratio
+        assert (found is None and known is None) or found == pytest.approx(known / optimum)
+
+
 # -- the script --------------------------------------------------------------------------------------------------------
 
 

@@ -9,8 +9,9 @@ from moe_policy.experiments.benchmark.parts import Overview
 from moe_policy.experiments.comparison import Comparison, ComparisonRow, CostDifference
 from moe_policy.experiments.learners import learner_trainings
 from moe_policy.experiments.overview import OverviewTable, Sources, overview_rows
-from moe_policy.experiments.records import read
+from moe_policy.experiments.records import present, read
 from moe_policy.experiments.seeds import TrainingComparison
+from moe_policy.experiments.splits import SplitComparison
 from moe_policy.rollouts.intervals import Mean, Proportion
 from moe_policy.rollouts.metrics import CostRatio, Metrics, Violation
 from ocp_envs.problems import BENCHMARK
@@ -56,7 +57,8 @@ def comparison(*rows):
 def sources(problem):
     compared = read(RESULTS / f"compare_{problem.id}.json", Comparison)
     trained = read(RESULTS / f"compare_training_{problem.id}.json", TrainingComparison)
-    return Sources(compared, trained.rows, learner_trainings(RESULTS, problem))
+    seeds = read(RESULTS / f"compare_splits_{problem.id}.json", SplitComparison).seeds
+    return Sources(compared, trained.rows, learner_trainings(RESULTS, problem), present(seeds) or ())
 
 
 def test_the_committed_overview_follows_from_the_committed_comparisons():

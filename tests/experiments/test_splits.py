@@ -75,7 +75,8 @@ def test_seeds_of_a_network_have_a_spread_of_every_metric_that_all_have():
     runs = [Run("snn", seed, 40, settings) for seed in (0, 1)]
     found = [evaluate(PENDULUM, episodes(4, success=np.arange(4) < count)) for count in (1, 3)]
     row = SeedsRow.of(runs, {"uniform": found})
-    assert (row.samples, row.epochs, row.seeds, row.label) == (40, 7, (0, 1), "snn, 2 seeds, 40 instances")
+    assert (row.samples, row.epochs, row.seeds, row.cases) == (40, 7, (0, 1), {"uniform": 4})
+    assert row.label("uniform") == "snn, 2 seeds, of 4"
     assert set(row.splits["uniform"]) == {"success"}
     assert row.splits["uniform"]["success"].values == (1, 3)
 

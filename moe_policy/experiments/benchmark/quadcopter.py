@@ -94,7 +94,7 @@ WITH_OBSTACLE = Benchmark(
             "moe-kmeans-8": replace(_SETTINGS, epochs=40),
         },
         sizes={10_000: 300, 30_000: 170},
-        over_seeds=(60_000, 60),
+        over_seeds=(60_000, 30),
         sized=("snn", "moe-custom"),
         fewer_seeds=1,
     ),

@@ -68,7 +68,7 @@ METRICS = (
         scale=lambda axes: axes.set_ylim(-3, 103),
     ),
     Metric(
-        title="cost / optimal cost\n(successes)",
+        title="cost / tracked optimum\n(successes)",
         of=lambda metrics: metrics.cost_ratio,
         along=lambda curve: curve.cost_ratio,
     ),
@@ -110,6 +110,7 @@ def budgets_figure(path: str | Path, record: Budgets) -> Path:
     the minimum to the maximum seed. A planner without a record of its data is a horizontal line. Success and violation
     of planners are over seeds on the validation set; everything else is on the development set.
     """
+    record = record.relative()
     shown = [metric for metric in METRICS if _has(record, metric)]
     styles = _styles(record)
 
