@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ocp_envs.support.archives import DamagedFileError, read_arrays, write_arrays
 from ocp_envs.support.arrays import Array, frozen_array
-from ocp_envs.support.files import replacing
 
 if TYPE_CHECKING:
     from ocp_envs.problem import OptimalControlProblem
@@ -32,8 +31,7 @@ def path_of(problem: OptimalControlProblem, name: str, folder: Path = FOLDER) ->
 def save(problem: OptimalControlProblem, name: str, folder: Path = FOLDER, **arrays: ArrayLike) -> Path:
     """Write ``arrays`` as the table ``name`` of ``problem`` below ``folder``, atomically; the path of the file."""
     target = path_of(problem, name, folder)
-    with replacing(target) as file:
-        np.savez_compressed(file, fingerprint=np.array(problem.fingerprint), **arrays)  # type: ignore[arg-type]
+    write_arrays(target, {"fingerprint": np.array(problem.fingerprint), **arrays})
     return target
 
 
@@ -55,11 +53,12 @@ def load(
     if not path.is_file():
         raise TableError(f"no table {name!r} is shipped for {problem.id}; {maker} makes one")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {key: np.asarray(file[key]) for key in file.files}
+        arrays = read_arrays(path)
         fingerprint = str(arrays.pop("fingerprint"))
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
-        raise TableError(f"{path} is damaged or no table ({error})") from error
+    except (DamagedFileError, KeyError) as error:
+        raise TableError(
+            f"{path} is damaged or no table ({error}); restore it, or make it again with {maker}"
+        ) from error
     if fingerprint != problem.fingerprint:
         raise TableError(
             f"{path} was made for a problem with fingerprint {fingerprint}, {problem.id} has {problem.fingerprint}: "

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import os
 import threading
-import zipfile
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -33,8 +32,8 @@ from moe_policy.planners.symmetric import Symmetrised
 from moe_policy.protocols import Planner, Policy
 from moe_policy.rl.actor import LearnedPolicy
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.archives import DamagedFileError, read_arrays, write_arrays
 from ocp_envs.support.arrays import Array
-from ocp_envs.support.files import replacing
 from ocp_envs.support.progress import track
 from ocp_envs.trajectory import Trajectory
 
@@ -171,7 +170,7 @@ def solve_all(
             found, costs[lost] = local.planner.best(share[lost])
             flat[lost] = found.flat()
             if path is not None:
-                _write(path, flat, costs)
+                write_arrays(path, {"flat": flat, "costs": costs})
         return problem.unflatten(flat), costs
 
     with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
@@ -191,16 +190,11 @@ def _key(problem: OptimalControlProblem, p: Array, nearest: NearestPlanner | Non
     return sha.hexdigest()[:16]
 
 
-def _write(path: Path, flat: Array, costs: Array) -> None:
-    with replacing(path) as file:
-        np.savez(file, flat=flat, costs=costs)
-
-
 def _read(path: Path, shape: tuple[int, int]) -> tuple[Array, Array] | None:
     """Flat trajectories and costs that were kept; ``None`` where they are missing or damaged."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            flat, costs = file["flat"], file["costs"]
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError):
+        kept = read_arrays(path)
+        flat, costs = np.asarray(kept["flat"], dtype=np.float64), np.asarray(kept["costs"], dtype=np.float64)
+    except (DamagedFileError, KeyError):
         return None
     return (flat, costs) if flat.shape == shape and costs.shape == shape[:1] else None

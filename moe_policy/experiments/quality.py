@@ -6,6 +6,7 @@ pass it on all sides, to every winding of the goal up to two beyond the listed o
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import hashlib
 from concurrent.futures import as_completed
@@ -24,8 +25,8 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import GuessKind, guesses
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver
+from ocp_envs.support.archives import DamagedFileError, read_arrays, write_arrays
 from ocp_envs.support.arrays import Array
-from ocp_envs.support.files import replacing
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import Provenance
@@ -145,19 +146,18 @@ def exhaustive(problem: OptimalControlProblem, cases: Array, count: int, workers
         for task in track(as_completed(tasks), len(tasks), unit="task", label="exhaustive search"):
             begin = tasks[task]
             costs[begin : begin + CASES_PER_TASK] = task.result()
-            with replacing(store) as file:
-                np.savez(file, costs=costs, key=np.array(key))
+            write_arrays(store, {"costs": costs, "key": np.array(key)})
     return costs
 
 
 def _kept(store: Path, key: str, shape: tuple[int, int]) -> Array:
     """Costs in ``store`` that were found under ``key``; NaN for all others."""
     costs = np.full(shape, np.nan)
-    if store.exists():
-        with np.load(store, allow_pickle=False) as file:
-            if str(file["key"]) == key:  # more instances begin with the same ones
-                known = file["costs"][: len(costs)]
-                costs[: len(known)] = known
+    with contextlib.suppress(DamagedFileError, KeyError):  # missing or damaged: found again
+        kept = read_arrays(store)
+        known = np.asarray(kept["costs"], dtype=np.float64)[: len(costs)]
+        if str(kept["key"]) == key and known.shape[1:] == shape[1:]:  # more instances begin with the same ones
+            costs[: len(known)] = known
     return costs
 
 

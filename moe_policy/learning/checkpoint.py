@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-import pickle
 import time
-import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from ocp_envs.support.archives import check_archive
 from ocp_envs.support.files import replacing
 
 #: Numbers, lists, dictionaries and tensors by name, which PyTorch writes and reads without unpickling objects.
@@ -50,10 +49,12 @@ class Checkpoint:
         if not self.path.exists():
             return None
         try:
+            check_archive(self.path)  # PyTorch writes checksums and does not compare them
             record = torch.load(self.path, map_location="cpu", weights_only=True)
             identity, state = record["identity"], record["state"]
-        except (OSError, RuntimeError, EOFError, KeyError, TypeError, pickle.UnpicklingError, zipfile.BadZipFile) as e:
-            raise CheckpointError(f"{self.path} is damaged, or not a checkpoint; delete it to begin again") from e
+        except Exception as error:  # what a foreign file makes PyTorch raise is its affair
+            message = f"{self.path} is damaged, or not a checkpoint; delete it to begin again"
+            raise CheckpointError(message) from error
         if identity != self.identity:
             message = "belongs to a training with other data, settings or seed; delete it, or choose another folder"
             raise CheckpointError(f"{self.path} {message}")

@@ -36,10 +36,18 @@ class ReferenceSet(Batch):
     Args:
         parameters: (M, np).
         mode_costs: best known cost of every solution family, +inf where none was found, (M, modes).
+
+    Raises:
+        ValueError: arrays of other shapes.
     """
 
     parameters: Array
     mode_costs: Array
+
+    def __post_init__(self) -> None:
+        p, costs = np.shape(self.parameters), np.shape(self.mode_costs)
+        if len(p) != 2 or len(costs) != 2 or p[0] != costs[0]:
+            raise ValueError(f"expected parameters (M, np) and mode_costs (M, modes), got shapes {p} and {costs}")
 
     @property
     def cost(self) -> Array:
@@ -92,14 +100,26 @@ def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDE
     if not path.is_file():
         there = sorted(p.stem for p in path.parent.glob("*.npz"))
         raise ReferenceDataError(f"no reference set {split!r} is shipped for {problem.id}; there are {there}")
+    maker = "scripts/make_splits.py" if split in HARD else "scripts/generate_data.py --ship"
     try:
-        maker = "scripts/make_splits.py" if split in HARD else "scripts/generate_data.py --ship"
         arrays = cast("dict[str, Array]", tables.load(problem, split, folder, maker))
-        return ReferenceSet(arrays["parameters"], arrays["mode_costs"])
+        found = ReferenceSet(arrays["parameters"], arrays["mode_costs"])
     except tables.TableError as error:
         raise ReferenceDataError(str(error)) from error
     except KeyError as error:
         raise ReferenceDataError(f"{path} is damaged or no reference file ({error} is missing)") from error
+    except ValueError as error:
+        raise ReferenceDataError(f"{path} is damaged or no reference file ({error})") from error
+    got, expected = (
+        (found.parameters.shape[1], found.mode_costs.shape[1]),
+        (len(problem.parameters), len(problem.modes)),
+    )
+    if got != expected:
+        raise ReferenceDataError(
+            f"{path} has {got[0]} parameters and {got[1]} solution families, expected {expected[0]} and {expected[1]}; "
+            f"make it again with {maker}"
+        )
+    return found
 
 
 #: The public name of :func:`load` in ``ocp_envs``.

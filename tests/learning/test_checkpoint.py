@@ -44,6 +44,22 @@ def test_half_a_checkpoint_is_refused(tmp_path):
         Checkpoint(path, "mine").read()
 
 
+def test_a_flipped_bit_is_found(tmp_path):
+    path = tmp_path / "part.pt"
+    Checkpoint(path, "mine").write({"best": [torch.arange(100.0)], "epoch": 3})
+    content, refused = path.read_bytes(), 0
+    for place in range(0, len(content), 7):
+        path.write_bytes(content[:place] + bytes([content[place] ^ 16]) + content[place + 1 :])
+        try:
+            state = Checkpoint(path, "mine").read()
+        except CheckpointError:
+            refused += 1
+        else:  # in what no reader looks at, such as a date
+            assert torch.equal(state["best"][0], torch.arange(100.0))
+            assert state["epoch"] == 3
+    assert refused > 100
+
+
 def test_a_state_is_due_after_its_interval(tmp_path):
     assert not Checkpoint(tmp_path / "part.pt", "mine").due
     assert Checkpoint(tmp_path / "part.pt", "mine", every=0.0).due

@@ -105,7 +105,7 @@ def test_a_damaged_or_foreign_policy_file_is_refused(tmp_path):
         store.load_file(path, PENDULUM.with_constants(mass=2.0))
     description = json.loads((tmp_path / "sac.json").read_text())
     (tmp_path / "sac.json").write_text(json.dumps({**description, "sizes": [3, 9, 1]}))
-    with pytest.raises(store.ModelFileError, match="do not fit together"):
+    with pytest.raises(store.ModelFileError, match="checksum of its content differs"):
         store.load_file(path)
     (tmp_path / "sac.json").write_text(json.dumps(description))
     (tmp_path / "sac.safetensors").write_bytes((tmp_path / "sac.safetensors").read_bytes()[:-7])

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from ocp_envs import tables
 from ocp_envs.data.database import Database
 from ocp_envs.distribution import Uniform
 from ocp_envs.problems import BENCHMARK
@@ -59,6 +60,21 @@ def test_files_of_another_problem_or_none_are_refused(database, tmp_path):
         path.write_bytes(damaged)
         with pytest.raises(ReferenceDataError, match="damaged"):
             reference.load(PENDULUM, "validation", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "match"),
+    [
+        ({"parameters": np.zeros((3, 2))}, "'mode_costs' is missing"),
+        ({"parameters": np.zeros((3, 2)), "mode_costs": np.zeros((2, 3))}, r"shapes \(3, 2\) and \(2, 3\)"),
+        ({"parameters": np.zeros((3, 2)), "mode_costs": np.zeros((3, 2))}, "2 solution families, expected 2 and 3"),
+        ({"parameters": np.zeros(3), "mode_costs": np.zeros((3, 3))}, r"shapes \(3,\)"),
+    ],
+)
+def test_tables_of_other_shapes_are_no_reference(tmp_path, arrays, match):
+    tables.save(PENDULUM, "validation", tmp_path, **arrays)
+    with pytest.raises(ReferenceDataError, match=match):
+        reference.load(PENDULUM, "validation", tmp_path)
 
 
 # -- splits ------------------------------------------------------------------------------------------------------------
