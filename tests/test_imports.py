@@ -32,6 +32,7 @@ WINGS = {
         "parameters",
         "fingerprint",
         "problem",
+        "feasibility",
     ),
     "ocp_envs.problems": None,
     "ocp_envs.render": None,

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.protocols import Planner
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
+from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses, random_kind
 from ocp_envs.solvers.solutions import Solutions
@@ -121,23 +122,26 @@ class SolverPlanner:
 
     def best(self, p: ArrayLike) -> tuple[Trajectory, Array]:
         """The cheapest verified solutions for ``p`` (B, np) or (np,), in its box or not, and their costs (B,); NaN and
-        +inf where there is none.
+        +inf where there is none. Where the initial state or the goal violates a constraint, nothing is solved.
 
         The angles of p may be written in any turn. Every instance is solved in the turn around the centre of the box,
         where the windings of the goal count from, and the solution is turned back.
         """
         within, turns = self.problem.in_one_turn(p)
         usual = [random_kind(self.problem)] * self.random_guesses
-        trajectory, cost = self._best(within, usual, retry_with_fallback=False)
-        unsolved = ~np.isfinite(cost)
-        if unsolved.any():
-            again, cost[unsolved] = self._best(within[unsolved], ["line", *usual], retry_with_fallback=True)
-            trajectory = trajectory.replaced(unsolved, again)
+        feasible = np.ones(len(within), dtype=bool)
+        feasible[list(infeasible_rows(self.problem, within))] = False
+        trajectory, cost = _nothing(self.problem, len(within))
+        for kinds, last_resort in ((usual, False), (["line", *usual], True)):
+            due = feasible & ~np.isfinite(cost)
+            if due.any():
+                found, cost[due] = self._best(within[due], kinds, retry_with_fallback=last_resort)
+                trajectory = trajectory.replaced(due, found)
         return trajectory.shifted(turns), cost
 
     def _best(self, p: Array, kinds: Sequence[GuessKind], retry_with_fallback: bool) -> tuple[Trajectory, Array]:
         """The best solution from warm starts and from a guess of each of ``kinds`` to each winding."""
-        plans, cost = self.problem.unflatten(np.full((len(p), self.problem.flat_size), np.nan)), np.full(len(p), np.inf)
+        plans, cost = _nothing(self.problem, len(p))
         found = [*self._warm_starts(p), *self._predicted(p), *self._random_guesses(p, kinds)]
         attempts = _Attempts.concatenate(found) if found else None
         if not attempts:
@@ -179,6 +183,11 @@ class SolverPlanner:
                 repeated = np.repeat(p[row : row + 1], len(winding), axis=0)
                 guess = guesses(self.problem, repeated, winding, rng, kind)
                 yield _Attempts(np.full(len(winding), row), guess, winding)
+
+
+def _nothing(problem: OptimalControlProblem, count: int) -> tuple[Trajectory, Array]:
+    """Plans and costs of ``count`` instances without a solution."""
+    return problem.unflatten(np.full((count, problem.flat_size), np.nan)), np.full(count, np.inf)
 
 
 def _checked_guessers(problem: OptimalControlProblem, guessers: Sequence[Planner]) -> tuple[Planner, ...]:

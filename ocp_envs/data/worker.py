@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cloudpickle
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ocp_envs.data.layout import StoredRows
 from ocp_envs.data.settings import GenerationSettings
+from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses
 from ocp_envs.solvers.nlp import SolverSettings, Status
@@ -71,16 +72,28 @@ def solve_chunk(chunk: Chunk) -> StoredRows:
     """Solve all instances of ``chunk``, in a process that keeps one solver child for each thread that solves."""
     solver = kept_solver(chunk.problem, chunk.settings.solver)
     problem = solver.problem
+    hopeless = np.array(sorted(infeasible_rows(problem, chunk.parameters)), dtype=np.int64)
+    chunk = _without(chunk, hopeless)
     solves: list[_Solves] = []
     if len(chunk.owner):
         p = chunk.parameters[chunk.owner]
         windings = np.full(len(p), NEAREST_WINDING)
         solves.append((chunk.owner, solver.solve(p, start_from(problem, p, chunk.z), windings)))
     solves += _multistart(solver, chunk)
-    solved = np.concatenate([owner[found.solved] for owner, found in solves])
-    solves.append(_last_resort(solver, chunk, np.setdiff1d(np.arange(len(chunk.parameters)), solved)))
+    solved = np.concatenate([np.empty(0, np.int64), *[owner[found.solved] for owner, found in solves]])
+    done = np.concatenate([solved, hopeless])
+    solves.append(_last_resort(solver, chunk, np.setdiff1d(np.arange(len(chunk.parameters)), done)))
     owners, solutions = zip(*solves)
-    return _rows(problem, chunk.parameters, np.concatenate(owners), Solutions.concatenate(solutions))
+    rows = _rows(problem, chunk.parameters, np.concatenate(owners), Solutions.concatenate(solutions))
+    rows.status[hopeless] = Status.INFEASIBLE
+    return rows
+
+
+def _without(chunk: Chunk, rows: Ints) -> Chunk:
+    """``chunk`` without solves of the instances ``rows``."""
+    wanted = ~np.isin(chunk.owner, rows)
+    cold = np.where(np.isin(np.arange(len(chunk.cold)), rows), 0, chunk.cold)
+    return replace(chunk, owner=chunk.owner[wanted], z=chunk.z[wanted], cold=cold)
 
 
 def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:

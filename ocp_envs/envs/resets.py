@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocp_envs.envs.outcome import Info
+from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.suggestions import did_you_mean
@@ -20,7 +21,8 @@ def given_parameters(
 
     Raises:
         ValueError: an option that is not among ``names``, or parameters of another shape, not finite, outside their
-            box without ``extrapolate``, or with an initial state outside the operating box.
+            box without ``extrapolate``, or with an initial state that is outside the operating box or violates a path
+            constraint.
     """
     for name in options:
         if name not in names:
@@ -37,6 +39,8 @@ def given_parameters(
             f"{problem.id}: parameters {p[row]} (row {row}) give an initial state outside the operating box "
             f"{box.lower} … {box.upper}, where no episode can begin"
         )
+    for row, reason in infeasible_rows(problem, p, goal=False).items():
+        raise ValueError(f"{problem.id}: parameters {p[row]} (row {row}) begin where no episode can: {reason}")
     if len(p) not in (1, count):
         expected = "one episode" if count == 1 else f"1 or {count} rows"
         raise ValueError(f"{problem.id}: expected parameters of {expected}, got {len(p)}")

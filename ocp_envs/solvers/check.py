@@ -8,6 +8,7 @@ import numpy as np
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.system import Box
 from ocp_envs.trajectory import Trajectory
 
 DEFECT_TOLERANCE = 1e-6
@@ -40,23 +41,10 @@ def verify(
 
     The claimed costs ``cost`` (B,), if given, are compared with the recomputed ones.
     """
-    size, knots, nx = trajectory.states.shape
-    initial, contexts = problem.start(parameters)
-    system, state_scale = problem.system, problem.system.state.scale
-    context = np.repeat(contexts, knots - 1, axis=0)
-    following, costs = problem.batch_flow(problem.substeps)(
-        trajectory.states[:, :-1].reshape(-1, nx),
-        trajectory.controls.reshape(-1, system.nu),
-        context,
-        np.repeat(trajectory.step, knots - 1)[:, None],
-    )
-    defects = (trajectory.states[:, 1:] - following.reshape(size, knots - 1, nx)) / state_scale
-    total = costs.reshape(size, knots - 1).sum(axis=1)
-    start_error = (trajectory.states[:, 0] - initial) / state_scale
-    defect = np.maximum(np.abs(defects).max(axis=(1, 2)), np.abs(start_error).max(axis=1))
-    goal = np.abs(system.difference(trajectory.states[:, -1], problem.goal.state) / state_scale).max(axis=1)
-    bounds = _excess(problem, trajectory)
-    path = path_violation(problem, trajectory, contexts)
+    found, total = residuals(problem, parameters, trajectory)
+    largest = {name: amount.max(axis=(1, 2), initial=0.0) for name, amount in found.items()}
+    defect, goal, path = largest["dynamics"], largest["goal"], largest["clearance"]
+    bounds = np.maximum(np.maximum(largest["state"], largest["control"]), largest["duration"])
     passed = (defect <= DEFECT_TOLERANCE) & (goal <= GOAL_TOLERANCE)
     passed &= (bounds <= BOUND_TOLERANCE) & (path <= BOUND_TOLERANCE) & np.isfinite(total)
     if cost is not None:
@@ -64,13 +52,48 @@ def verify(
     return Check(defect, goal, bounds, path, total, passed)
 
 
-def _excess(problem: OptimalControlProblem, trajectory: Trajectory) -> Array:
-    pairs = [(trajectory.states, problem.system.state), (trajectory.controls, problem.system.control)]
-    excess = [np.maximum(box.lower - v, v - box.upper) / box.scale for v, box in pairs]
+def residuals(
+    problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory
+) -> tuple[dict[str, Array], Array]:
+    """By how much B trajectories ``trajectory`` violate each constraint, at least 0, and their costs (B,).
+
+    They belong to instances of ``problem`` with ``parameters`` (B, np). Violations have the shape (B, knots,
+    components), in scaled units (those of the duration as a fraction of the longest one) or in the unit of the
+    clearance. "dynamics", "state" and "clearance" have all knots, the initial condition being part of "dynamics",
+    "control" all but the last, and "goal" (the last) and "duration" one.
+    """
+    size, knots, nx = trajectory.states.shape
+    initial, contexts = problem.start(parameters)
+    system, states, controls = problem.system, trajectory.states, trajectory.controls
+    following, costs = problem.batch_flow(problem.substeps)(
+        states[:, :-1].reshape(-1, nx),
+        controls.reshape(-1, system.nu),
+        np.repeat(contexts, knots - 1, axis=0),
+        np.repeat(trajectory.step, knots - 1)[:, None],
+    )
+    expected = np.concatenate([initial[:, None], following.reshape(size, knots - 1, nx)], axis=1)
     shortest, longest = problem.duration
     duration = np.maximum(shortest - trajectory.duration, trajectory.duration - longest) / longest
-    largest = np.maximum(*[e.max(axis=(1, 2)) for e in excess])
-    return np.asarray(np.maximum(np.maximum(largest, duration), 0.0))
+    found = {
+        "dynamics": np.abs((states - expected) / system.state.scale),
+        "goal": np.abs(system.difference(states[:, -1:], problem.goal.state) / system.state.scale),
+        "state": _excess(states, system.state),
+        "control": _excess(controls, system.control),
+        "duration": np.maximum(duration, 0.0)[:, None, None],
+        "clearance": _shortfall(problem, trajectory, contexts),
+    }
+    return found, costs.reshape(size, knots - 1).sum(axis=1)
+
+
+def _excess(values: Array, box: Box) -> Array:
+    return np.asarray(np.maximum(np.maximum(box.lower - values, values - box.upper) / box.scale, 0.0))
+
+
+def _shortfall(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
+    """How far clearances are below 0, (B, N, nh)."""
+    size, knots, nx = trajectory.states.shape
+    (clearance,) = problem.batch_clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
+    return np.asarray(np.maximum(-clearance.reshape(size, knots, problem.n_clearances), 0.0))
 
 
 def path_violation(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
@@ -78,8 +101,4 @@ def path_violation(problem: OptimalControlProblem, trajectory: Trajectory, conte
 
     0 without constraints; NaN for a ``trajectory`` that is not finite. The instances have ``contexts`` (B, nc).
     """
-    if not problem.n_clearances:
-        return np.zeros(len(trajectory))
-    size, knots, nx = trajectory.states.shape
-    (clearance,) = problem.batch_clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
-    return np.asarray(np.maximum(-clearance.reshape(size, knots * problem.n_clearances).min(axis=1), 0.0))
+    return np.asarray(_shortfall(problem, trajectory, contexts).max(axis=(1, 2), initial=0.0))

@@ -17,6 +17,7 @@ from __future__ import annotations
 import enum
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
@@ -37,6 +38,8 @@ class Status(enum.IntEnum):
     TIMED_OUT = 3  #: both solvers had to be killed, the last one for taking too long
     CRASHED = 4  #: the process of the last solver died
     CHECK_FAILED = 5  #: the solver reports success, but the independent check fails
+    INFEASIBLE = 6  #: an end violates a constraint, or IPOPT found that none of the nearby trajectories meets all
+    NOT_FINITE = 7  #: the guess, or a value or derivative that the solver met, is NaN or infinite
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,8 @@ class SolverSettings:
         return "ipopt" if self.primary == "fatrop" else "fatrop"
 
 
+#: What IPOPT calls two ways of ending.
+_IPOPT_INFEASIBLE, _IPOPT_NOT_FINITE = "Infeasible_Problem_Detected", "Invalid_Number_Detected"
 #: Duration of the second attempt, as a fraction of the longest one.
 _SECOND_DURATION = 0.75
 
@@ -127,13 +132,18 @@ class NlpSolver:
 
     def __init__(self, transcription: Transcription, settings: SolverSettings) -> None:
         nlp, s = transcription.nlp, settings
-        self._transcription = transcription
+        self._transcription, self._settings = transcription, settings
         self._bounds = [transcription.bounds(target) for target in transcription.targets]
         options = _options(transcription, s.primary, s.tolerance, s.max_iterations)
         self.primary = Backend(transcription, build_solver(s.primary, nlp, options))
-        # Rarely needed, and IPOPT spends most of its time on linear algebra: not worth a compilation.
-        options = _options(transcription, s.fallback, s.tolerance, s.fallback_iterations)
-        self.fallback = Backend(transcription, ca.nlpsol("fallback", s.fallback, nlp, options))
+
+    @cached_property
+    def fallback(self) -> Backend:
+        """The fallback solver; made when it is needed, for it rarely is."""
+        program, s = self._transcription, self._settings
+        # IPOPT spends most of its time on linear algebra: not worth a compilation.
+        options = _options(program, s.fallback, s.tolerance, s.fallback_iterations)
+        return Backend(program, ca.nlpsol("fallback", s.fallback, program.nlp, options))
 
     def solve(self, task: Task, skip_primary: bool = False) -> Result:
         """Solve ``task`` with the primary solver, in two attempts, then where necessary with the fallback.
@@ -158,12 +168,12 @@ class NlpSolver:
             outcome, more = backend.run(task, *bounds)
             iterations += more
         return Result(
-            status=Status.SOLVED if outcome is Outcome.CONVERGED else Status.NOT_CONVERGED,
+            status=backend.status(outcome),
             w=backend.w.copy(),
             cost=float(backend.cost[0]),
             multipliers=self._transcription.clearance_multipliers(backend.lam_g),
             iterations=iterations,
-            fallback=backend is self.fallback,
+            fallback=backend is not self.primary,
             seconds=time.perf_counter() - began,
         )
 
@@ -193,6 +203,7 @@ class Backend:
         inputs["lbg"][:], inputs["ubg"][:] = transcription.constraint_bounds
         self._inputs = inputs
         self.w, self.cost, self.lam_g = outputs["x"], outputs["f"], outputs["lam_g"]
+        self._ended = ""
 
     def run(self, task: Task, lower: Array, upper: Array) -> tuple[Outcome, int]:
         """Solve ``task`` into ``w``, ``cost`` and ``lam_g``, with bounds ``lower`` and ``upper`` (nw,) of w.
@@ -204,11 +215,22 @@ class Backend:
         arguments["x0"][:], arguments["p"][:] = task.guess, task.parameter
         arguments["lbx"][:], arguments["ubx"][:] = lower, upper
         try:
+            self._ended = ""
             self._call()
         except RuntimeError:
             return Outcome.BROKE_DOWN, 0
         stats = self._buffer.stats()
-        iterations = int(stats["iter_count"])
+        iterations, self._ended = int(stats["iter_count"]), str(stats.get("return_status", ""))
         if not np.isfinite(self.w).all():
             return Outcome.BROKE_DOWN, iterations
         return Outcome.CONVERGED if stats["success"] else Outcome.STUCK, iterations
+
+    def status(self, outcome: Outcome) -> Status:
+        """The status of a solve that ended with the ``outcome`` of the last run."""
+        if outcome is Outcome.CONVERGED:
+            return Status.SOLVED
+        if outcome is Outcome.STUCK and self._ended == _IPOPT_INFEASIBLE:
+            return Status.INFEASIBLE
+        if self._ended == _IPOPT_NOT_FINITE or not (np.isfinite(self.w).all() and np.isfinite(self.cost).all()):
+            return Status.NOT_FINITE
+        return Status.NOT_CONVERGED

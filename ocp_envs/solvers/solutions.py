@@ -69,7 +69,7 @@ def make_tasks(
     :meth:`~ocp_envs.solvers.solver.GuardedSolver.solve`.
 
     Raises:
-        ValueError: shapes or windings that do not fit, or guesses that are not finite.
+        ValueError: shapes or windings that do not fit.
     """
     windings = np.asarray(windings)
     expected = (len(parameters), problem.knots, problem.system.nx)
@@ -78,8 +78,6 @@ def make_tasks(
             f"{problem.id}: expected guesses with states {expected} and windings {expected[:1]} for "
             f"{len(parameters)} parameters; got {guesses.states.shape} and {windings.shape}"
         )
-    if not guesses.finite.all():
-        raise ValueError(f"{problem.id}: guess {int(np.flatnonzero(~guesses.finite)[0])} is not finite")
     count = len(problem.targets)
     if np.any((windings < NEAREST_WINDING) | (windings >= count)):
         raise ValueError(

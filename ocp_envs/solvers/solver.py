@@ -6,15 +6,17 @@ import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guard import Guard
 from ocp_envs.solvers.guesses import bends_of, guesses, random_kind
 from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
+from ocp_envs.solvers.reasons import not_finite, worst_violation
 from ocp_envs.solvers.solutions import Solutions, best_per_mode, collect, make_tasks
 from ocp_envs.solvers.transcription import Transcription, transcribe
 from ocp_envs.support.arrays import Array
@@ -23,7 +25,7 @@ from ocp_envs.trajectory import Trajectory
 
 DEFAULT_SOLVER = SolverSettings()
 #: Where many guesses are tried, one that hangs is given up soon.
-OF_MANY_GUESSES = SolverSettings(hang_floor=0.5, hang_factor=15.0)
+OF_MANY_GUESSES = SolverSettings(hang_floor=0.3, hang_factor=10.0)
 
 
 class Runner(Protocol):
@@ -41,6 +43,13 @@ class Runner(Protocol):
 
     def close(self) -> None:
         """Release what ``start`` took."""
+
+
+class Attempts(NamedTuple):
+    """The ``solutions`` of B solves, and where they ended, solved or not: B trajectories ``ends``, NaN if unknown."""
+
+    solutions: Solutions
+    ends: Trajectory
 
 
 class GuardedSolver:
@@ -99,21 +108,44 @@ class GuardedSolver:
 
         Args:
             parameters: (B, np).
-            guesses: B trajectories.
+            guesses: B trajectories; one that is not finite is not tried, its status is NOT_FINITE.
             windings: (B,) indices into ``problem.targets``, or :data:`~ocp_envs.solvers.guesses.NEAREST_WINDING`.
             retry_with_fallback: whether the fallback solver retries where the primary solver did not converge. With
                 many guesses the next guess usually succeeds sooner.
             rescue: whether the fallback solver solves where the primary solver breaks down, hangs or crashes.
 
         Raises:
-            ValueError: shapes or windings that do not fit, or guesses that are not finite.
+            ValueError: shapes or windings that do not fit.
             RuntimeError: the child cannot be started.
+        """
+        return self.attempts(
+            parameters, guesses, windings, retry_with_fallback=retry_with_fallback, rescue=rescue
+        ).solutions
+
+    def attempts(
+        self,
+        parameters: Array,
+        guesses: Trajectory,
+        windings: NDArray[np.integer],
+        *,
+        retry_with_fallback: bool = True,
+        rescue: bool = True,
+    ) -> Attempts:
+        """As :meth:`solve`, with the trajectories at which the solves that failed ended.
+
+        The arguments, and the errors, are the same: ``parameters``, ``guesses``, ``windings``, ``retry_with_fallback``
+        and ``rescue``.
         """
         instances = self.problem, self._transcription, parameters
         tasks = make_tasks(*instances, guesses, windings, retry_with_fallback, rescue)
+        finite = guesses.finite
         with self._alone:
-            results = list(self.runner.solve(tasks))
-        return collect(*instances, results)
+            solved = iter(list(self.runner.solve([task for task, good in zip(tasks, finite) if good])))
+        nothing = Result.failed(Status.NOT_FINITE, self._transcription, False, 0.0)
+        results = [next(solved) if good else nothing for good in finite]
+        w = np.array([result.w for result in results]).reshape(len(results), len(nothing.w))
+        ends = self._transcription.unpack(w, self.problem.start(parameters)[0])
+        return Attempts(collect(*instances, results), ends)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +155,14 @@ class Solution:
     Trajectories begin in the turn in which the angles of ``parameters`` are written. Families are those of the same
     instance in the turn around the centre of the parameter box: their windings count from there. In ``modes`` each
     solution family of the problem has a row, EMPTY where no trajectory was found. The ``status`` is SOLVED where any
-    family was found, otherwise how the first solve failed.
+    family was found, otherwise how the last solve from a line failed; then the ``reason`` says in a sentence which
+    constraint is violated, at which knot and by how much, or which function is not finite.
     """
 
     parameters: Array
     modes: Solutions
     status: Status
+    reason: str = ""
 
     @property
     def mode(self) -> int | None:
@@ -157,7 +191,8 @@ def solve(
 ) -> Solution:
     """The best known optimum of one instance, by multistart over the goal's windings.
 
-    The solver process is kept for the next call. Threads may call this at once; they use as many as there are cores.
+    The solver process is kept for the next call. Threads may call this at once; they use as many as there are cores. An
+    instance whose initial state or goal violates a constraint is told at once, as INFEASIBLE.
 
     Args:
         problem: the problem.
@@ -173,14 +208,16 @@ def solve(
     parameters, turns = problem.in_one_turn(given)
     if len(parameters) != 1 or starts < 1:
         raise ValueError(f"solve takes one instance and starts ≥ 1, got {len(parameters)} and {starts}")
+    if hopeless := infeasible_rows(problem, parameters):
+        return Solution(given[0], Solutions.empty(problem, len(problem.modes)), Status.INFEASIBLE, hopeless[0])
     with _solvers(problem, os.getpid()).one() as solver:
-        solutions = _multistart(solver, parameters, np.random.default_rng(seed), starts)
-    modes = best_per_mode(problem, parameters[0], solutions)
-    status = Status.SOLVED if solutions.solved.any() else Status(int(solutions.status[0]))
-    return Solution(given[0], replace(modes, trajectory=modes.trajectory.shifted(turns)), status)
+        found = _multistart(solver, parameters, np.random.default_rng(seed), starts)
+    modes = best_per_mode(problem, parameters[0], found.solutions)
+    status, reason = (Status.SOLVED, "") if found.solutions.solved.any() else _why(problem, parameters, found)
+    return Solution(given[0], replace(modes, trajectory=modes.trajectory.shifted(turns)), status, reason)
 
 
-def _multistart(solver: GuardedSolver, parameters: Array, rng: np.random.Generator, starts: int) -> Solutions:
+def _multistart(solver: GuardedSolver, parameters: Array, rng: np.random.Generator, starts: int) -> Attempts:
     """Solves of one instance from ``starts`` guesses for each winding, at first from lines.
 
     A guess that fails is given up. Only where all fail the fallback solver is used, from the lines.
@@ -188,8 +225,8 @@ def _multistart(solver: GuardedSolver, parameters: Array, rng: np.random.Generat
     problem, count = solver.problem, len(solver.problem.targets)
     windings, repeated = np.arange(count), np.repeat(parameters, count, axis=0)
 
-    def attempt(tried: Sequence[Trajectory], last_resort: bool = False) -> Solutions:
-        return solver.solve(
+    def attempt(tried: Sequence[Trajectory], last_resort: bool = False) -> Attempts:
+        return solver.attempts(
             np.tile(repeated, (len(tried), 1)),
             Trajectory.concatenate(tried),
             np.tile(windings, len(tried)),
@@ -198,14 +235,22 @@ def _multistart(solver: GuardedSolver, parameters: Array, rng: np.random.Generat
         )
 
     lines = guesses(problem, repeated, windings, rng, "line")
-    solutions, kind = attempt([lines]), random_kind(problem)
-    if starts > 1:
-        first = solutions
-        others = [
-            bends_of(problem, lines, first.solved, first.trajectory, rng)
-            if kind == "bend"
-            else guesses(problem, repeated, windings, rng, kind)
-            for _ in range(starts - 1)
-        ]
-        solutions = Solutions.concatenate([first, attempt(others)])
-    return solutions if solutions.solved.any() else Solutions.concatenate([solutions, attempt([lines], True)])
+    first, kind = attempt([lines]).solutions, random_kind(problem)
+    others = [
+        bends_of(problem, lines, first.solved, first.trajectory, rng)
+        if kind == "bend"
+        else guesses(problem, repeated, windings, rng, kind)
+        for _ in range(starts - 1)
+    ]
+    solutions = Solutions.concatenate([first, attempt(others).solutions]) if others else first
+    return Attempts(solutions, first.trajectory) if solutions.solved.any() else attempt([lines], last_resort=True)
+
+
+def _why(problem: OptimalControlProblem, parameters: Array, failed: Attempts) -> tuple[Status, str]:
+    """How the solves of one instance, with ``parameters`` (1, np), ``failed`` from lines, and why."""
+    repeated = np.repeat(parameters, len(failed.ends), axis=0)
+    lines = guesses(problem, repeated, np.arange(len(repeated)), np.random.default_rng(0), "line")
+    for trajectory in (lines, failed.ends):
+        if reason := not_finite(problem, repeated, trajectory):
+            return Status.NOT_FINITE, reason
+    return Status(int(failed.solutions.status[0])), worst_violation(problem, repeated, failed.ends)

@@ -14,6 +14,7 @@ from ocp_envs.solvers.nlp import Status
 from tests.data.running import SMALL, InProcess, Unguarded
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
+from tests.solvers.programs import DISC
 
 
 def test_the_first_round_tries_every_winding(tmp_path, unguarded):
@@ -95,3 +96,26 @@ def test_threads_that_solve_have_one_child_each(monkeypatch):
     payload, other = cloudpickle.dumps(PENDULUM), cloudpickle.dumps(DOUBLE_INTEGRATOR)
     with ThreadPoolExecutor(5) as executor:
         assert len(set(executor.map(use, range(5)))) == 5
+
+
+def test_instances_whose_ends_violate_a_constraint_are_not_solved_and_stored_as_infeasible(tmp_path, unguarded):
+    p = np.array([[-3.0, 0.3, 1.0], [-0.5, 0.3, 1.0], [-3.0, 1.0, 1.0]])
+    settings = dataclasses.replace(SMALL, first=2, chunk=1, cold=1)
+    database = generate(DISC, tmp_path / "d", p, executor=InProcess(), settings=settings)
+    rows, blocked = database.stored(slice(0, 3)), database.stored_parameters(slice(0, 3))[:, 0] == -0.5
+    np.testing.assert_array_equal(rows.status, np.where(blocked, Status.INFEASIBLE, Status.SOLVED))
+    np.testing.assert_array_equal(rows.solves == 0, blocked)
+
+
+def test_random_guesses_that_are_not_finite_are_counted_as_failures(tmp_path, unguarded, monkeypatch):
+    made = worker.guesses
+
+    def broken(problem, parameters, windings, rng, kind):
+        guess = made(problem, parameters, windings, rng, kind)
+        return guess if kind == "line" else dataclasses.replace(guess, states=guess.states * np.nan)
+
+    monkeypatch.setattr(worker, "guesses", broken)
+    settings = dataclasses.replace(SMALL, starts=2)
+    database = generate(DOUBLE_INTEGRATOR, tmp_path / "d", [[1.0, 0.0]], executor=InProcess(), settings=settings)
+    rows = database.stored(slice(0, 1))
+    assert (rows.status[0], rows.solves[0], rows.failures[0]) == (Status.SOLVED, 2, 1)

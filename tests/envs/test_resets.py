@@ -7,10 +7,11 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from ocp_envs.envs.env import Env
-from ocp_envs.envs.resets import due_rows
+from ocp_envs.envs.resets import due_rows, given_parameters
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
+from tests.small_problems import WALLED_INTEGRATOR
 
 
 @pytest.mark.parametrize(
@@ -77,3 +78,9 @@ def test_a_mask_selects_the_rows_and_their_parameters():
     np.testing.assert_array_equal(envs.parameters, [p[1], p[1], p[1]])
     np.testing.assert_array_equal(due_rows(PENDULUM, {"reset_mask": mask}, 3), [0, 2])
     np.testing.assert_array_equal(due_rows(PENDULUM, {}, 3), [0, 1, 2])
+
+
+@pytest.mark.parametrize("parameters", [[[1.0, 1.05]], [[1.0, 3.0], [1.0, 1.05]]], ids=["one", "second of two"])
+def test_refuses_an_initial_state_that_violates_a_constraint(parameters):
+    with pytest.raises(ValueError, match=r"\(row \d\) begin where no episode can: clearance 0 is -0.05, .* knot 0"):
+        given_parameters(WALLED_INTEGRATOR, {"parameters": parameters}, len(parameters))

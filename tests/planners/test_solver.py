@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -186,3 +188,12 @@ def test_the_optimal_planner_of_the_package_is_the_one_that_is_compared(problem)
     compared = optimal_planner(problem)
     for name in ("lookaround", "neighbours", "random_guesses", "seed"):
         assert getattr(loaded, name) == getattr(compared, name)
+
+
+def test_an_instance_whose_initial_state_violates_a_constraint_is_not_solved():
+    solver = Recorder()
+    blocked = dataclasses.replace(PENDULUM, clearance=lambda x, s, c: [(x[0] - 1) ** 2 + x[1] ** 2 - 0.25])
+    plan, cost = SolverPlanner(blocked, solver=solver).best([[1.0, 0.0], [2.0, 0.0]])
+    np.testing.assert_array_equal(plan.finite, [False, True])
+    np.testing.assert_array_equal(np.isfinite(cost), [False, True])
+    assert all((parameters[:, 0] == 2.0).all() for parameters, _ in solver.calls)

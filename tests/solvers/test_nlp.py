@@ -50,5 +50,5 @@ def test_what_the_primary_solver_breaks_down_on_goes_to_the_fallback(monkeypatch
 def test_the_fallback_retries_what_did_not_converge_only_where_asked(retry):
     hurried = dataclasses.replace(PENDULUM, duration=(0.1, 1.0))
     result = Solver(hurried).solve(*line(hurried, [0.0, 0.0], 1), retry_with_fallback=retry)
-    assert result.status[0] == Status.NOT_CONVERGED
+    assert result.status[0] == (Status.INFEASIBLE if retry else Status.NOT_CONVERGED)  # IPOPT can tell
     assert result.fallback[0] == retry

@@ -1,10 +1,13 @@
 import dataclasses
 import os
+import re
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
+from ocp_envs.goal import Goal
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
@@ -13,6 +16,7 @@ from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses
 from ocp_envs.solvers.nlp import SolverSettings, Status
 from ocp_envs.solvers.solver import solve
+from ocp_envs.support.sharing import Loans
 from ocp_envs.trajectory import Trajectory
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
@@ -150,7 +154,7 @@ def test_failure_is_a_value():
     """Nothing swings up within a second."""
     hurried = dataclasses.replace(PENDULUM, duration=(0.1, 1.0))
     solution = Solver(hurried).solve(*line(hurried, [0.0, 0.0], 1))
-    assert solution.status[0] == Status.NOT_CONVERGED
+    assert solution.status[0] == Status.INFEASIBLE
     assert solution.cost[0] == np.inf
     assert np.isnan(solution.trajectory.flat()).all()
 
@@ -167,13 +171,20 @@ def test_bad_arguments_say_what_is_wrong(pendulum):
         pendulum.solve(p, tried, windings + 2)
     with pytest.raises(ValueError, match=r"expected guesses with states \(2, 25, 2\)"):
         pendulum.solve(np.repeat(p, 2, axis=0), tried, windings)
-    broken = Trajectory(tried.states * np.nan, tried.controls, tried.duration)
-    with pytest.raises(ValueError, match="guess 0 is not finite"):
-        pendulum.solve(p, broken, windings)
     with pytest.raises(ValueError, match="primary must be"):
         SolverSettings(primary="snopt")
     with pytest.raises(ValueError, match="kind must be"):
         guesses(PENDULUM, p, windings, np.random.default_rng(0), "spiral")
+
+
+def test_a_guess_that_is_not_finite_is_a_failure_and_costs_the_others_nothing(pendulum):
+    p, tried, windings = line(PENDULUM, [[0.5, 0.1]] * 3, 1)
+    states = tried.states.copy()
+    states[1, 7, 0] = np.nan
+    found = pendulum.solve(p, dataclasses.replace(tried, states=states), windings)
+    np.testing.assert_array_equal(found.status, [Status.SOLVED, Status.NOT_FINITE, Status.SOLVED])
+    assert found.iterations[1] == 0
+    np.testing.assert_array_equal(found.cost[[0, 2]], pendulum.solve(p, tried, windings).cost[[0, 2]])
 
 
 # -- the best of one instance ----------------------------------------------------------------------------------------
@@ -229,3 +240,62 @@ def test_threads_solve_with_no_more_solvers_than_cores(monkeypatch):
     expected = [solve(problem, [number + 0.5, 0.0], starts=1).cost for number in range(4)]
     assert in_threads(lambda number: solve(problem, [number + 0.5, 0.0], starts=1).cost) == expected
     assert 1 <= len(made) <= 2
+
+
+def to(target):
+    """The problem with the disc and another goal."""
+    goal = Goal(state=target, radius=0.1, windings=[[0] * 4], control=[0.0, 0.0])
+    return dataclasses.replace(DISC, id="DiscTo-v0", goal=goal)
+
+
+@pytest.mark.parametrize(
+    ("problem", "p", "reason"),
+    [
+        (DISC, [-0.5, 0.3, 1.0], "clearance 0 is -0.416905, less than 0, at knot 0, the initial state"),
+        (to([1.0, 0, 0, 0]), [-3.0, 0.0, 1.5], "clearance 0 is -0.49998, less than 0, at knot 20, the goal"),
+        (DISC, [-30.0, 0.0, 1.0], r"state x = -30 lies outside its box \[-20, 20\] at knot 0, the initial state"),
+    ],
+    ids=["initial state", "goal", "box"],
+)
+def test_an_instance_whose_ends_violate_a_constraint_is_told_without_a_solve(problem, p, reason, monkeypatch):
+    monkeypatch.setattr(solver, "_solvers", lambda *arguments: pytest.fail("it is solved"))
+    solution = solve(problem, p, extrapolate=True)
+    assert solution.status == Status.INFEASIBLE
+    assert re.fullmatch(reason, solution.reason)
+    assert solution.cost == np.inf
+    assert np.isnan(solution.trajectory.flat()).all()
+
+
+@pytest.fixture
+def unguarded(monkeypatch):
+    monkeypatch.setattr(solver, "_solvers", lambda problem, process: Loans(partial(Solver, problem), 1))
+
+
+def test_an_infeasible_instance_is_told_by_what_the_best_attempt_violates(unguarded):
+    """Nothing swings up within a second."""
+    solution = solve(dataclasses.replace(PENDULUM, duration=(0.1, 1.0)), [0.0, 0.0], starts=1)
+    assert solution.status == Status.INFEASIBLE
+    assert re.fullmatch(
+        r"the best attempt violates the dynamics of (theta|omega) most, at knot \d+ by 0\.\d+ of its scale",
+        solution.reason,
+    )
+
+
+def test_a_derivative_that_is_not_finite_is_named(unguarded):
+    def distance(x, u, s, c):
+        return (x[0] ** 2 + x[1] ** 2) ** 0.5 + 0.1 * u[0] ** 2
+
+    problem = dataclasses.replace(DOUBLE_INTEGRATOR, id="Distance-v0", cost_rate=distance)
+    solution = solve(problem, [1.0, 0.0], starts=1)
+    assert solution.status == Status.NOT_FINITE
+    assert solution.reason == "the gradient of the cost rate is not finite at knot 20, state [0, 0], control [0]"
+    assert solve(DOUBLE_INTEGRATOR, [1.0, 0.0], starts=1).reason == ""
+
+
+def test_solve_searches_near_its_first_solution(unguarded):
+    """From bends of a line, fatrop hangs on this problem in one of six cases."""
+    p = [8.0, 2.0, 1.0, 4.0, 1.2, 0.3, 2.0]
+    alone = solve(QUADCOPTER_OBSTACLE, p, starts=1)
+    several = solve(QUADCOPTER_OBSTACLE, p, starts=4)
+    assert several.cost <= alone.cost
+    assert several.status == Status.SOLVED
