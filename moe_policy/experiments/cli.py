@@ -28,6 +28,7 @@ from moe_policy.experiments.running import run as run
 from moe_policy.store import SHIPPED
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import UnknownProblemError
+from ocp_envs.support.pool import import_in_workers
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Folders of the databases, of a user's results, and of the committed records.
@@ -107,13 +108,15 @@ def parser(
 def problem_of(name: str) -> OptimalControlProblem:
     """The problem called ``name``, as in Gymnasium after the import of a module where it is ``"module:id"``.
 
-    A module in the working directory is found. The parser turns an error into one that suggests the nearest name.
+    A module in the working directory is found; worker processes import it, too. The parser turns an error into one that
+    suggests the nearest name.
     """
     module, _, own = name.rpartition(":")
     try:
         if module:
             sys.path.append(os.getcwd())
             importlib.import_module(module)
+            import_in_workers(module)
         return ocp_envs.load(own)
     except (UnknownProblemError, ImportError) as error:
         raise argparse.ArgumentTypeError(str(error)) from None

@@ -10,12 +10,13 @@ process communicates with each worker.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import pickle
 import signal
 import threading
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from multiprocessing import connection, get_context, parent_process, resource_tracker
 from types import TracebackType
@@ -32,6 +33,16 @@ _SPAWN = get_context("spawn")
 _GRACE = 5.0
 #: Processes are started one at a time.
 _STARTING = threading.Lock()
+
+
+#: Modules that every new worker imports.
+_IMPORTED: list[str] = []
+
+
+def import_in_workers(module: str) -> None:
+    """Have every worker that starts from now on import ``module``, for what it registers, such as a problem."""
+    if module not in _IMPORTED:
+        _IMPORTED.append(module)
 
 
 class WorkerLostError(RuntimeError):
@@ -107,7 +118,7 @@ class _Worker:
 
     def __init__(self) -> None:
         self._connection, theirs = _SPAWN.Pipe()
-        self.process = _SPAWN.Process(target=_serve, args=(theirs,), daemon=True)
+        self.process = _SPAWN.Process(target=_serve, args=(theirs, tuple(_IMPORTED)), daemon=True)
         with _STARTING, _interrupts_blocked():
             self.process.start()
         theirs.close()  # now the death of the process ends the pipe
@@ -145,14 +156,16 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(pipe: connection.Connection) -> None:
-    """Run the tasks that arrive, until the pipe or the parent ends; what the worker runs."""
+def _serve(pipe: connection.Connection, modules: Sequence[str]) -> None:
+    """Import ``modules``, then run the tasks that arrive, until the pipe or the parent ends; what the worker runs."""
     # Only the parent reacts to an interrupt at the terminal: no task may be broken off.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     progress.show(False)  # the parent shows how many tasks are done
     parent = parent_process()
     assert parent is not None
     threading.Thread(target=_exit_after, args=(parent.sentinel,), daemon=True).start()
+    for module in modules:
+        importlib.import_module(module)
     while True:
         try:
             task = pipe.recv_bytes()

@@ -11,6 +11,7 @@ from moe_policy.store import SHIPPED
 from ocp_envs import problems
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
+from ocp_envs.support import pool
 
 
 @pytest.fixture
@@ -129,6 +130,7 @@ def own(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*sys.path])
     monkeypatch.setattr(problems, "_catalogue", dict(problems._catalogue))
+    monkeypatch.setattr(pool, "_IMPORTED", [])
     (tmp_path / "own_problem.py").write_text(OWN)
     yield "own_problem"
     sys.modules.pop("own_problem", None)

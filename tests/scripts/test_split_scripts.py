@@ -108,4 +108,4 @@ def test_compare_splits(made, monkeypatch, tmp_path, capsys):
 def test_a_split_that_a_problem_has_not_is_refused(monkeypatch, tmp_path, capsys):
     with pytest.raises(SystemExit):
         run(monkeypatch, compare_splits, "--env", QUADCOPTER.id, "--splits", "boundary", "--results", tmp_path)
-    assert "there are uniform, outside" in capsys.readouterr().err
+    assert "has no 'boundary'; there are uniform, near, outside" in capsys.readouterr().err

@@ -1,11 +1,13 @@
 import os
 import signal
+import sys
 import time
 from types import SimpleNamespace
 
 import pytest
 
-from ocp_envs.support.pool import WorkerLostError, WorkerPool, _Worker
+from ocp_envs.support import pool as pool_module
+from ocp_envs.support.pool import WorkerLostError, WorkerPool, _Worker, import_in_workers
 
 
 def nap(seconds, path=None):
@@ -105,6 +107,20 @@ def test_a_block_that_fails_or_is_interrupted_does_not_wait_for_its_tasks(tmp_pa
     with pytest.raises(KeyboardInterrupt):
         interrupted()
     assert time.monotonic() - began < 30
+
+
+def imported(name):
+    return name in sys.modules
+
+
+def test_workers_import_the_modules_that_the_program_asks_for(monkeypatch, tmp_path):
+    (tmp_path / "registers_something.py").touch()
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(pool_module, "_IMPORTED", [])
+    import_in_workers("registers_something")
+    with WorkerPool(1) as pool:
+        assert pool.submit(imported, "registers_something").result()
+    assert not imported("registers_something")
 
 
 @pytest.mark.parametrize("workers", [0, -2])
