@@ -11,7 +11,6 @@ the k of the other experiments stands in ``moe_policy/experiments/benchmark/``.
 import dataclasses
 import time
 
-import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.cluster_choice import CLUSTER_COLUMNS, ClusterChoice, ClusterRow, chosen, noted
@@ -31,7 +30,10 @@ def main() -> None:
     if clusters is None:
         parser.error(f"no numbers of clusters are declared for {problem.id}")
     folders = Folders(arguments.data / problem.id, arguments.data / "choose_clusters" / problem.id)
-    development = folders.samples(problem, "development")[: arguments.cases]
+    training, _ = (cli.database(arguments, name) for name in ("training", "development"))
+    development = folders.samples(problem, "development")
+    cli.at_most(arguments.cases, len(development), "solved development instances")
+    development = development[: arguments.cases]
     models = execute_all(problem, clusters, arguments.seeds, folders, development, arguments.workers)
     rows = [ClusterRow.of(found) for found in models]
     k, interval = chosen(rows, len(development))
@@ -45,7 +47,7 @@ def main() -> None:
         interval=interval,
         rows=noted(rows, k, clusters.used),
         settings=dataclasses.asdict(clusters.settings),
-        training_key=ocp_envs.Database.open(folders.data / "training.zarr", problem).key,
+        training_key=training.key,
         seconds=time.perf_counter() - began,
         provenance=provenance(),
     )
@@ -54,4 +56,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    cli.run(main, continues=True)

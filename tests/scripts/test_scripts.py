@@ -110,6 +110,36 @@ def test_every_script_explains_itself(name, script, run, capsys):
     assert "--help" in shown
 
 
+@pytest.mark.parametrize("name", sorted(set(SCRIPTS) - {"example_cartpole"}))
+def test_every_script_ends_in_one_line_where_it_is_interrupted_or_fails(name):
+    assert '__name__ == "__main__":\n    cli.run(main' in (ROOT / "scripts" / f"{name}.py").read_text()
+
+
+NEEDING_DATA = [
+    ("train_planners", "training"),
+    ("choose_tracking", "development"),
+    ("compare_training", "training"),
+    ("choose_clusters", "training"),
+    ("explain_failures", "training"),
+    ("report_data", "training"),
+]
+
+
+@pytest.mark.parametrize(("name", "database"), NEEDING_DATA)
+def test_a_script_without_its_data_names_the_command_that_makes_them(name, database, script, run, tmp_path):
+    command = f"python scripts/generate_data.py --env {PENDULUM.id} --splits {database} --data {tmp_path}"
+    with pytest.raises(SystemExit, match=f"make it with: {command}"):
+        run(script(name), "--env", PENDULUM.id, "--data", tmp_path, "--results", tmp_path)
+
+
+@pytest.mark.parametrize(
+    "name", ["compare_rl_vs_moe", "compare_robustness", "compare_budgets", "compare_splits", "check_discretisation"]
+)
+def test_more_cases_than_there_are_end_before_any_work(name, script, run, tmp_path):
+    with pytest.raises(SystemExit, match=r"--cases: got 100,000,000, there are 1,000 "):
+        run(script(name), "--cases", 100_000_000, "--results", tmp_path)
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_every_script_explains_itself_on_a_console_without_greek_letters(name, script, monkeypatch):
     module, console = script(name), io.TextIOWrapper(io.BytesIO(), encoding="cp1252")
