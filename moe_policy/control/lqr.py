@@ -96,7 +96,7 @@ class Regulator:
         # few sizes, because setting up a mapped function takes time for each new batch size.
         order = np.argsort(-steps, kind="stable")
         under_way = np.searchsorted(-steps[order], -np.arange(longest), side="left")
-        unit = -(-size // _SIZES)
+        unit = max(1, -(-size // _SIZES))
         q, r = np.diag(self.weights.state), self.weights.control_at(controls, self.problem.system.control)
         p = np.tile(self.terminal, (size, 1, 1))
         for k in range(longest - 1, -1, -1):

@@ -88,6 +88,16 @@ def wild_plans():
     return Trajectory(states, controls, duration)
 
 
+def test_nobody_to_track_is_no_error():
+    policy = TrackingPolicy(PENDULUM, lambda p: random_plan(PENDULUM, len(p))[0])
+    state = policy.start(np.empty((0, 2)))
+    assert len(state) == len(policy.schedule(state)) == 0
+    for recurrent in (None, state):
+        controls, following = policy.predict(np.empty((0, 2)), recurrent, np.zeros(0, bool))
+        assert controls.shape == (0, 1)
+        assert len(following) == 0
+
+
 def test_wild_plans_are_counted_and_never_lead_to_nan():
     plan = wild_plans()
     policy = TrackingPolicy(PENDULUM, lambda p: plan)

@@ -100,6 +100,29 @@ def test_planners_of_planners_plan_the_same_in_every_turn(planner, instance):
     check(planner, LONG, *instance)
 
 
+@given(instance=instances(LONG))
+def test_the_plan_of_a_mirrored_instance_is_the_mirror_image(instance):
+    """Whatever the planner, except where an instance is its own mirror image."""
+    planner, (p, _) = Symmetrised(LONG, absolute), instance
+    p = p[np.abs(LONG.system.difference(LONG.start(p)[0], -LONG.start(p)[0])).max(axis=1) > 1e-3]
+    mirrored = p * [-1.0, 1.0]
+    wanted = LONG.symmetry.trajectories(planner(p)).flat()
+    np.testing.assert_allclose(planner(mirrored).flat(), wanted, rtol=0, atol=1e-9)
+
+
+SYMMETRIC = [(problem, name) for problem, name in SHIPPED if problem.symmetry is not None]
+
+
+@pytest.mark.parametrize(("problem", "name"), SYMMETRIC, ids=lambda value: getattr(value, "id", value))
+def test_symmetrised_models_of_the_package_are_equivariant(problem, name):
+    planner, symmetry = Symmetrised(problem, MODELS[problem, name]), problem.symmetry
+    p = problem.parameters.draw(np.random.default_rng(0), 300)
+    states, contexts = problem.start(p)
+    mirrored = problem.parameters_of(symmetry.states(states), symmetry.contexts(contexts))
+    wanted = symmetry.trajectories(planner(p)).flat()
+    np.testing.assert_allclose(planner(mirrored).flat(), wanted, rtol=0, atol=1e-9)
+
+
 @given(instance=instances(PENDULUM), stored=st.integers(-3, 3))
 def test_stored_plans_are_found_in_every_turn(instance, stored):
     p, turns = instance
