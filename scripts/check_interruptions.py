@@ -3,10 +3,13 @@
 The same instances are generated twice: without disturbance, and by processes that are killed (SIGKILL) at random
 moments: the calling process, which is then started again with the same command, or one of its worker processes. The
 record contains the kills with the number of chunks that were complete, the digests of both databases, and how many of
-those chunks were written again (none should be). With ``--split`` the database under ``data/`` is the undisturbed one.
+those chunks were written again (none should be). It is an error if a process outlives the one that started it. With
+``--split`` the database under ``data/`` is the undisturbed one. Smaller chunks give more moments to kill at: the second
+command kills a hundred processes in a few minutes.
 Writes ``interruptions_<env>.json``.
 
     python scripts/check_interruptions.py --env PendulumSwingup-v0 --size 2000 --kills 10
+    python scripts/check_interruptions.py --env PendulumSwingup-v0 --size 1500 --chunk 10 --kills 100 --delay 0.5
     python scripts/check_interruptions.py --env GroundVehicle-v0 --split validation
 """
 
@@ -24,6 +27,7 @@ from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.interruptions import Interruptions, generate_interrupted, plan_kills
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.splits import InstanceSet, sets_of
 from ocp_envs.support.provenance import provenance
@@ -51,6 +55,7 @@ def complete(problem: OptimalControlProblem, split: InstanceSet, path: Path) -> 
 def parse() -> argparse.Namespace:
     parser = cli.parser(__doc__, data=True, workers=True, seed=0)
     parser.add_argument("--size", type=cli.positive, default=2000, help="number of random instances")
+    parser.add_argument("--chunk", type=cli.positive, default=100, help="number of random instances solved in one task")
     parser.add_argument("--split", help="the instances of this split instead; its database is the reference")
     parser.add_argument(
         "--kills", type=cli.whole, default=6, help="number of processes that are killed; half are parents"
@@ -100,7 +105,8 @@ def main() -> None:
     problem = arguments.problem
     with cli.option("--split"):
         named = sets_of(problem).split(arguments.split) if arguments.split else None
-    split = named or InstanceSet(arguments.size, arguments.seed)
+    settings = GenerationSettings(chunk=arguments.chunk)
+    split = named or InstanceSet(arguments.size, arguments.seed, settings=settings)
     if arguments.generate_into:
         make(problem, split, arguments.generate_into, arguments.workers)
         return

@@ -147,15 +147,16 @@ def generate_interrupted(
     Kills after the end of the generation are left out; ``say`` is told of every one.
 
     Raises:
-        RuntimeError: the command failed by itself.
+        RuntimeError: the command failed by itself, or processes that it started are still there in the end.
         TimeoutError: the generation is stuck.
     """
-    began, done, starts, rewritten = time.perf_counter(), [], 1, _Rewritten(path)
+    began, done, starts, rewritten, started = time.perf_counter(), [], 1, _Rewritten(path), _Started()
     process = subprocess.Popen(command)
     try:
         for kill in kills:
             wait_for_chunks(process, path, kill.chunks)
             time.sleep(kill.delay)
+            started.look(process.pid)
             if not _strike(process, kill.kind):
                 break
             done.append(Killed(kind=kill.kind, chunks=rewritten.look(), seconds=time.perf_counter() - began))
@@ -166,6 +167,8 @@ def generate_interrupted(
                 starts += 1
         if process.wait() != 0:
             raise RuntimeError(f"{' '.join(command)} ended with {process.returncode}")
+        if left := started.left():
+            raise RuntimeError(f"{len(left)} processes outlived the one that started them: {left}")
     finally:
         process.kill()
         process.wait()
@@ -177,6 +180,35 @@ def generate_interrupted(
         chunks_written_again=rewritten.count,
         seconds=time.perf_counter() - began,
     )
+
+
+class _Started:
+    """Notes the processes that others started, and tells which of them are left."""
+
+    def __init__(self) -> None:
+        self._seen: set[tuple[int, str]] = set()
+
+    def look(self, process: int) -> None:
+        """Note what ``process`` has started until now."""
+        self._seen |= {(child, since) for child in descendants(process) if (since := _running_since(child))}
+
+    def left(self, patience: float = 30.0) -> list[int]:
+        """Those that are still there after at most ``patience`` seconds."""
+        deadline = time.monotonic() + patience
+        while left := [child for child, since in self._seen if _running_since(child) == since]:
+            if time.monotonic() > deadline:
+                break
+            time.sleep(0.05)
+        return left
+
+
+def _running_since(process: int) -> str | None:
+    """When ``process`` began, which tells it from a later one of the same number; ``None`` where it has ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+    return None if fields[0] == "Z" else fields[19]
 
 
 class _Rewritten:

@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.support.files import replacing
 
+#: No content is compressed to less than one part in so many (https://zlib.net/zlib_tech.html).
+_LARGEST_RATIO = 1100
+
 
 class DamagedFileError(ValueError):
     """A file is damaged, or is not what it should be."""
@@ -29,7 +32,11 @@ def read_arrays(path: str | os.PathLike[str]) -> dict[str, NDArray[np.generic]]:
         DamagedFileError: a damaged file, or no archive of arrays.
     """
     try:
+        size = os.path.getsize(path)
         with zipfile.ZipFile(path) as archive:
+            for each in archive.infolist():  # before anything of that size is allocated
+                if each.file_size > _LARGEST_RATIO * (each.compress_size + 1) or each.compress_size > size:
+                    raise ValueError(f"{each.filename} has {each.file_size} bytes in {each.compress_size}")
             # Read whole, and so with its checksum compared, before NumPy allocates what a header asks for.
             contents = {name: archive.read(name) for name in archive.namelist()}
         return {
