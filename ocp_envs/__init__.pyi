@@ -14,6 +14,7 @@ from ocp_envs.envs.simulation import ControlStep as ControlStep
 from ocp_envs.envs.simulation import Simulator as Simulator
 from ocp_envs.envs.simulation import Step as Step
 from ocp_envs.envs.vector_env import VectorEnv as VectorEnv
+from ocp_envs.expressions import Names as Names
 from ocp_envs.goal import Goal as Goal
 from ocp_envs.goal import Modes as Modes
 from ocp_envs.goal import winding_modes as winding_modes

@@ -22,7 +22,10 @@ import cloudpickle
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ocp_envs import trial
+from ocp_envs.declaration import check_parts, checked_fields
 from ocp_envs.distribution import UNIFORM, Distribution
+from ocp_envs.expressions import Names, called, column, scalar
 from ocp_envs.fingerprint import fingerprint
 from ocp_envs.goal import SINGLE_MODE, Goal, Modes
 from ocp_envs.parameters import Parametrisation
@@ -51,11 +54,11 @@ class OptimalControlProblem:
         parameters: box of p.
         cost_rate: L, see :data:`CostRate`.
         goal: the goal ball and its windings.
-        duration: bounds of t_f, seconds.
+        duration: bounds of t_f, seconds; equal ones fix it.
         knots: N, the number of knots of a trajectory, at least 2.
         substeps: Runge-Kutta steps in one interval between knots of the nonlinear program, at least 1.
         hold: seconds of terminal regulation before success is evaluated; 0 where the goal is not stabilisable.
-        time_limit: seconds after which an episode of the environment is truncated.
+        time_limit: seconds after which an episode of the environment is truncated, at least the longest duration.
         rest: initial values of the state coordinates that p does not name, (nx,); by default those of the goal.
         clearance: h, see :data:`Clearance`, or ``None`` for no path constraint.
         modes: families of optimal trajectories; by default a single one.
@@ -65,7 +68,13 @@ class OptimalControlProblem:
         symmetry: a map under which the problem is invariant, or ``None``.
 
     Raises:
-        ValueError: parts that do not fit together; the message names them.
+        TypeError: an argument of another type.
+        ValueError: an argument out of its range, parts that do not fit together, or functions that fail or are not
+            finite at a few points that are tried; the message names them, and says what to do.
+
+    Warns:
+        UserWarning: constants that nothing reads, functions that are not finite in a part of the box, or a goal that is
+            an equilibrium only in some contexts.
     """
 
     id: str
@@ -88,26 +97,17 @@ class OptimalControlProblem:
     symmetry: Symmetry | None = None
 
     def __post_init__(self) -> None:
-        if self.rest is not None:
-            object.__setattr__(self, "rest", frozen_array(self.rest))
-        nx, nu = self.system.nx, self.system.nu
-        self.goal.check(self.id, self.system)
-        if self.rest is not None and self.rest.shape != (nx,):
-            raise ValueError(f"{self.id}: rest must have shape ({nx},), got {self.rest.shape}")
-        self.distribution.check(self)
-        if self.symmetry is not None:
-            self.symmetry.check(self.id, nx, nu, len(self.context))
-        if not 0 < self.duration[0] < self.duration[1]:
-            raise ValueError(f"{self.id}: expected 0 < shortest < longest duration, got {self.duration}")
-        if self.knots < 2 or self.substeps < 1:
-            raise ValueError(f"{self.id}: expected knots ≥ 2 and substeps ≥ 1, got {self.knots}, {self.substeps}")
-        if not 0 < self.longest_substep < np.inf:
-            raise ValueError(f"{self.id}: longest_substep must be positive and finite, got {self.longest_substep}")
+        self.__dict__.update(checked_fields(self))
+        check_parts(self)
+        trial.check(self)
 
     def __reduce__(self) -> tuple[object, ...]:
-        # Without what was derived and cached. Functions travel by reference or, if they have no name, by value.
-        parts = tuple(getattr(self, field.name) for field in dataclasses.fields(self))
-        return _restored, (cloudpickle.dumps(parts),)
+        # Without what was derived and kept; what was checked when it was made is not checked again.
+        # Functions travel by reference or, if they have no name, by value.
+        return _restored, (cloudpickle.dumps(self._fields()),)
+
+    def _fields(self) -> dict[str, object]:
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 
     @property
     def flat_size(self) -> int:
@@ -177,24 +177,44 @@ class OptimalControlProblem:
         """‖x − goal‖ of states (..., nx), with the shortest difference in periodic coordinates; (...)."""
         return np.asarray(np.linalg.norm(self.system.difference(states, self.goal.state), axis=-1))
 
-    def _namespaces(self, s: Expression) -> tuple[SimpleNamespace, SimpleNamespace, dict[str, Expression]]:
-        """Context and constants by name, and those of the context that replace constants."""
+    def namespaces(self, s: Expression) -> tuple[Names, Names, dict[str, Expression]]:
+        """Context and constants of a column ``s`` (nc, 1) by name, and those of the context that replace constants."""
         context = dict(zip(self.context.names, ca.vertsplit(s))) if len(self.context) else {}
         replaced = {name: value for name, value in context.items() if name in self.system.constants}
-        return SimpleNamespace(**context), SimpleNamespace(**{**self.system.constants, **replaced}), replaced
+        return Names("context coordinate", context), Names("constant", {**self.system.constants, **replaced}), replaced
 
     def rate(self, x: Expression, u: Expression, s: Expression) -> Expression:
-        """(ẋ, L) as one expression, (nx + 1, 1), in columns x (nx, 1), u (nu, 1), s (nc, 1)."""
-        context, constants, replaced = self._namespaces(s)
-        cost = self.cost_rate(ca.vertsplit(x), ca.vertsplit(u), context, constants)
-        return ca.vertcat(self.system.derivative(x, u, replaced), cost)
+        """(ẋ, L) as one expression, (nx + 1, 1), in columns x (nx, 1), u (nu, 1), s (nc, 1).
+
+        Raises:
+            ValueError: dynamics or a cost rate that fail, or return something else.
+        """
+        context, constants, _ = self.namespaces(s)
+        return self.rate_of(x, u, context, constants)
+
+    def rate_of(self, x: Expression, u: Expression, context: Names, constants: Names) -> Expression:
+        """(ẋ, L) of ``x`` and ``u`` as :meth:`rate`, with ``context`` and ``constants`` by name."""
+        what, signature = f"{self.id}: cost_rate", "state, control, context, constants"
+        cost = called(what, signature, self.cost_rate, ca.vertsplit(x), ca.vertsplit(u), context, constants)
+        return ca.vertcat(self.system.derivative_of(x, u, constants), scalar(what, cost))
 
     def clearances(self, x: Expression, s: Expression) -> Expression:
-        """h, (nh, 1), as an expression in columns x (nx, 1) and s (nc, 1); empty without path constraints."""
+        """h, (nh, 1), as an expression in columns x (nx, 1) and s (nc, 1); empty without path constraints.
+
+        Raises:
+            ValueError: a clearance that fails, or returns something else than a list of expressions.
+        """
+        context, constants, _ = self.namespaces(s)
+        return self.clearances_of(x, context, constants)
+
+    def clearances_of(self, x: Expression, context: Names, constants: Names) -> Expression:
+        """h of ``x`` as :meth:`clearances`, with ``context`` and ``constants`` by name."""
         if self.clearance is None:
             return type(x)(0, 1)
-        context, constants, _ = self._namespaces(s)
-        return ca.vertcat(*self.clearance(ca.vertsplit(x), context, constants))
+        what = f"{self.id}: clearance"
+        return column(
+            what, called(what, "state, context, constants", self.clearance, ca.vertsplit(x), context, constants)
+        )
 
     def flow(
         self, x: Expression, u: Expression, s: Expression, h: Expression, substeps: int, disturbance: Expression = 0
@@ -252,8 +272,22 @@ class OptimalControlProblem:
         return self  # a value, and its functions could not be copied
 
     def with_constants(self, **values: float) -> OptimalControlProblem:
-        """The same problem with other values of physical constants, by name, in SI units."""
-        return dataclasses.replace(self, system=self.system.with_constants(**values)) if values else self
+        """The same problem with other values of physical constants, by name, in SI units: a plant, which may differ.
+
+        Raises:
+            ValueError: a name the system does not have, a constant that is a parameter, or values with which the
+                functions are not finite.
+        """
+        if given := [name for name in values if name in self.context.names]:
+            raise ValueError(
+                f"{self.id}: the constants {given} are parameters of this problem, whose values come with each "
+                "instance, so others would be ignored; give them with the parameters of the instance"
+            )
+        if not values:
+            return self
+        plant = _of_checked({**self._fields(), "system": self.system.with_constants(**values)})
+        trial.check(plant, nominal=False)
+        return plant
 
     @cached_property
     def fingerprint(self) -> str:
@@ -261,5 +295,11 @@ class OptimalControlProblem:
         return fingerprint(self)
 
 
-def _restored(parts: bytes) -> OptimalControlProblem:
-    return OptimalControlProblem(*cloudpickle.loads(parts))
+def _restored(fields: bytes) -> OptimalControlProblem:
+    return _of_checked(cloudpickle.loads(fields))
+
+
+def _of_checked(fields: dict[str, object]) -> OptimalControlProblem:
+    problem = object.__new__(OptimalControlProblem)
+    problem.__dict__.update(fields)
+    return problem

@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ocp_envs.support.arrays import Array, frozen_array
+from ocp_envs.system import Box
 from ocp_envs.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from ocp_envs.problem import OptimalControlProblem
+
+_POINTS = 6
+
+
+def _equal(a: Array, b: Array) -> bool:
+    return bool(np.allclose(a, b, rtol=1e-8, atol=1e-9, equal_nan=True))
+
+
+def _covers(box: Box, points: Array) -> bool:
+    """Whether ``points`` (B, n) lie in ``box``, wherever they may in coordinates that repeat."""
+    return bool(box.contains(np.where(box.periods > 0, box.centre, points), 1e-9).all())
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +73,42 @@ class Symmetry:
                 f"{owner}: expected a symmetry of {nx} states, {nu} controls and {nc} coordinates of the context, "
                 f"got {sizes}"
             )
+
+    def check_invariance(self, problem: OptimalControlProblem) -> None:
+        """Refuse a ``problem`` that the map changes, as its functions, boxes and goal show at a few points.
+
+        Raises:
+            ValueError: something differs; the message names it.
+        """
+        rng = np.random.Generator(np.random.Philox(key=20190622))
+        system, rate = problem.system, problem.batch_rate()
+        boxes = {"state": system.state, "control": system.control, "context": problem.context}
+        x, u, s = (np.vstack([box.draw(rng, _POINTS), box.lower, box.upper]) for box in boxes.values())
+        images = self.states(x), self.controls(u), self.contexts(s)
+        (f, cost), (f_image, cost_image) = rate(x, u, s), rate(*images)
+        goal, held = problem.goal.state, problem.goal.control
+        same = {
+            **{f"box of {name}": _covers(box, image) for (name, box), image in zip(boxes.items(), images)},
+            "dynamics": _equal(f_image, self.states(f)),
+            "cost_rate": _equal(cost_image, cost),
+            "goal.state": _equal(system.difference(self.states(goal), goal), 0 * goal),
+            "goal.control": _equal(self.controls(held), held),
+            "initial states": self._maps_starts(problem, rng),
+        }
+        if problem.n_clearances:
+            h = problem.batch_clearances()
+            same["clearance"] = _equal(np.sort(h(images[0], images[2])[0]), np.sort(h(x, s)[0]))
+        if different := [name for name, equal in same.items() if not equal]:
+            raise ValueError(
+                f"{problem.id}: symmetry {self.name!r} is none of this problem, it changes {', '.join(different)}; "
+                "correct its matrices, or leave symmetry at None"
+            )
+
+    def _maps_starts(self, problem: OptimalControlProblem, rng: np.random.Generator) -> bool:
+        """Whether images of initial states and contexts are those of other parameters."""
+        states, contexts = problem.start(problem.parameters.draw(rng, _POINTS))
+        images = self.states(states), self.contexts(contexts)
+        return all(_equal(a, b) for a, b in zip(problem.start(problem.parameters_of(*images)), images))
 
     def states(self, x: Array) -> Array:
         """X x of states (..., nx)."""

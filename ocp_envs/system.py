@@ -22,6 +22,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ocp_envs.expressions import Names, called, column
+from ocp_envs.support import fields
 from ocp_envs.support.arrays import Array, frozen_array
 
 #: A CasADi expression, SX, MX or DM, or a NumPy array where a declaration is evaluated on numbers. CasADi has no type
@@ -71,6 +73,11 @@ class Coordinate:
         unit: SI unit as text; ``"1"`` where there is none.
         scale: typical size, in ``unit``; the optimiser sees the coordinate divided by it.
         period: length of one turn of a periodic coordinate, else ``None``.
+
+    Raises:
+        TypeError: an argument of another type.
+        ValueError: a name that is no identifier, bounds that are not finite or not in order, or a scale or period that
+            is not positive and finite.
     """
 
     name: str
@@ -81,25 +88,34 @@ class Coordinate:
     period: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier():
-            raise ValueError(f"a coordinate's name must be a Python identifier, got {self.name!r}")
-        if not (math.isfinite(self.lower) and math.isfinite(self.upper) and self.lower < self.upper):
-            raise ValueError(
-                f"coordinate {self.name!r}: expected finite lower < upper, got [{self.lower}, {self.upper}]"
-            )
-        if not (math.isfinite(self.scale) and self.scale > 0):
-            raise ValueError(f"coordinate {self.name!r}: scale must be positive and finite, got {self.scale}")
-        if self.period is not None and not (math.isfinite(self.period) and self.period > 0):
-            raise ValueError(f"coordinate {self.name!r}: period must be positive and finite or None, got {self.period}")
+        fields.identifier("coordinate", "name", self.name)
+        owner = f"coordinate {self.name!r}"
+        lower, upper = (fields.finite(owner, name, getattr(self, name)) for name in ("lower", "upper"))
+        if not lower < upper:
+            raise ValueError(f"{owner}: expected finite lower < upper, got [{self.lower}, {self.upper}]")
+        fields.instance(owner, "unit", self.unit, str)
+        fields.positive(owner, "scale", self.scale)
+        if self.period is not None:
+            fields.positive(owner, "period", self.period)
 
 
 @dataclass(frozen=True)
 class Box:
-    """The box spanned by ``coordinates``: ``lower``, ``upper``, ``width`` and ``centre`` of shape (n,)."""
+    """The box spanned by ``coordinates``: ``lower``, ``upper``, ``width`` and ``centre`` of shape (n,).
+
+    Raises:
+        TypeError: something else than a sequence of coordinates.
+        ValueError: a name that occurs twice.
+    """
 
     coordinates: tuple[Coordinate, ...]
 
     def __post_init__(self) -> None:
+        if not isinstance(self.coordinates, Sequence):
+            raise TypeError(f"box: coordinates must be a tuple of Coordinate, got {self.coordinates!r}")
+        object.__setattr__(self, "coordinates", tuple(self.coordinates))
+        for coordinate in self.coordinates:
+            fields.instance("box", "each of coordinates", coordinate, Coordinate)
         names = [c.name for c in self.coordinates]
         if len(set(names)) != len(names):
             raise ValueError(f"coordinate names must be unique, got {names}")
@@ -147,6 +163,28 @@ class Box:
         return self.lower + rng.random((n, len(self))) * self.width
 
 
+def inside(owner: str, what: str, values: Array, box: Box) -> None:
+    """Refuse ``values`` (n,) outside ``box``.
+
+    Args:
+        owner: the id of the problem, for messages.
+        what: what the values are, for messages.
+        values: (n,).
+        box: where they have to lie; bounds may be exceeded by rounding, 1e-9 of the width.
+
+    Raises:
+        ValueError: outside; the message names the coordinate.
+    """
+    margin = 1e-9 * box.width
+    outside = np.flatnonzero((values < box.lower - margin) | (values > box.upper + margin))
+    if len(outside):
+        c = box.coordinates[outside[0]]
+        raise ValueError(
+            f"{owner}: {what} has {c.name} = {values[outside[0]]:g}, outside its operating box "
+            f"[{c.lower:g}, {c.upper:g}] {c.unit}; move it, or widen the box of the system"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class System:
     """ẋ = f(x, u, c) with its coordinates and the nominal values of its constants.
@@ -158,6 +196,11 @@ class System:
         constants: nominal value of every physical constant, by name. The dynamics see symbols, so another mass is
             another value of the same declaration (:meth:`with_constants`), not another function.
         dynamics: f, called with sequences of scalars and a namespace of constants; returns the nx components of ẋ.
+
+    Raises:
+        TypeError: an argument of another type.
+        ValueError: a box without coordinates, a constant that is not finite or has no name of its own, or dynamics
+            that fail, return NaN or another number of components.
     """
 
     name: str
@@ -167,14 +210,30 @@ class System:
     dynamics: Dynamics
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "constants", MappingProxyType({k: float(v) for k, v in self.constants.items()}))
-        for key, value in self.constants.items():
-            if not math.isfinite(value):
-                raise ValueError(f"{self.name}: constant {key!r} must be finite, got {value}")
-        x, u = ca.SX.sym("x", self.nx), ca.SX.sym("u", self.nu)
-        rate = self.derivative(x, u, {})
-        if rate.shape != (self.nx, 1):
-            raise ValueError(f"{self.name}: dynamics returned {rate.shape[0]} components, expected {self.nx}")
+        fields.words("system", "name", self.name)
+        for role in ("state", "control"):
+            if not len(fields.instance(self.name, role, getattr(self, role), Box)):
+                raise ValueError(f"{self.name}: {role} must have at least one coordinate")
+        fields.function(self.name, "dynamics", self.dynamics)
+        fields.instance(self.name, "constants", self.constants, Mapping)  # type: ignore[type-abstract]
+        constants = {name: fields.finite(self.name, f"constant {name!r}", v) for name, v in self.constants.items()}
+        for name in constants:
+            fields.identifier(self.name, "the name of a constant", name)
+            if name in self.state.names:
+                raise ValueError(
+                    f"{self.name}: constant {name!r} has the name of a state coordinate; rename one of them"
+                )
+        object.__setattr__(self, "constants", MappingProxyType(constants))
+        self._check_rate(self.derivative(ca.SX.sym("x", self.nx), ca.SX.sym("u", self.nu), {}))
+
+    def _check_rate(self, rate: Expression) -> None:
+        """Refuse ẋ with a component that is the number NaN, whatever state and control are."""
+        for name, component in zip(self.state.names, ca.vertsplit(ca.SX(rate))):
+            if component.is_constant() and math.isnan(float(component)):
+                raise ValueError(
+                    f"{self.name}: dynamics returns nan as the derivative of {name!r}; use CasADi's functions, such as "
+                    "ca.sin, instead of those of math, which turn a symbol into nan"
+                )
 
     def __reduce__(self) -> tuple[object, ...]:
         # A read-only mapping does not pickle; functions travel by reference, or by value with cloudpickle.
@@ -190,8 +249,17 @@ class System:
 
     def derivative(self, x: Expression, u: Expression, constants: Mapping[str, Expression]) -> Expression:
         """ẋ (nx, 1) as an expression in columns ``x`` and ``u``; ``constants`` replace nominal values by name."""
-        namespace = SimpleNamespace(**{**self.constants, **constants})
-        return ca.vertcat(*self.dynamics(ca.vertsplit(x), ca.vertsplit(u), namespace))
+        return self.derivative_of(x, u, Names("constant", {**self.constants, **constants}))
+
+    def derivative_of(self, x: Expression, u: Expression, constants: Names) -> Expression:
+        """ẋ (nx, 1) as an expression in columns ``x`` and ``u`` with all ``constants``.
+
+        Raises:
+            ValueError: dynamics that fail, or do not return one expression for each state coordinate.
+        """
+        what = f"{self.name}: dynamics"
+        values = called(what, "state, control, constants", self.dynamics, ca.vertsplit(x), ca.vertsplit(u), constants)
+        return column(what, values, self.state.names)
 
     def with_constants(self, **values: float) -> System:
         """The same system with other physical constants in SI units, for instance ``with_constants(mass=0.6)``.

@@ -22,6 +22,7 @@ PACKAGES = ("ocp_envs", "moe_policy")
 WINGS = {
     "ocp_envs.support": None,
     "declaration": (
+        "expressions",
         "system",
         "trajectory",
         "symmetry",
@@ -31,6 +32,11 @@ WINGS = {
         "distribution",
         "parameters",
         "fingerprint",
+        "points",
+        "holding",
+        "trial",
+        "declaration",
+        "control_step",
         "problem",
         "feasibility",
     ),

@@ -13,15 +13,13 @@ which controls are projected onto their bounds (:mod:`moe_policy.control.project
 
 from __future__ import annotations
 
-import math
-
 import control
 import numpy as np
 
 from moe_policy.control.weights import TrackingWeights
+from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
-from ocp_envs.support.clock import count_steps
 
 #: Where a goal cannot be held, the error at the end of a plan is weighted as that of so many control steps.
 TERMINAL_FACTOR = 10.0
@@ -43,21 +41,21 @@ class Regulator:
         terminal: weight at the end of a plan, (nx, nx).
 
     Raises:
-        ValueError: weights of the wrong shape, a control period that is not positive and finite.
+        TypeError: a control period that is no number.
+        ValueError: weights of the wrong shape or with which no regulator holds the goal, or a control period that a
+            simulator refuses.
     """
 
     def __init__(self, problem: OptimalControlProblem, dt: float, weights: TrackingWeights | None = None) -> None:
         weights = weights or TrackingWeights.default(problem)
         nx, nu = problem.system.nx, problem.system.nu
-        if not (math.isfinite(dt) and dt > 0):
-            raise ValueError(f"{problem.id}: dt must be a positive number of seconds, got {dt}")
         for name, shape in (("state", (nx,)), ("control", (nu,)), ("terminal", (nx, nx))):
             value = getattr(weights, name)
             if value is not None and value.shape != shape:
                 raise ValueError(f"{problem.id}: expected {name} weights of shape {shape}, got {value.shape}")
-        self.problem, self.dt, self.weights = problem, float(dt), weights
         # The substeps of the simulator, so that the discrete step linearised is the one it takes.
-        self._substeps = max(1, int(count_steps(dt, problem.longest_substep)))
+        self._substeps = runge_kutta_steps(problem, dt)
+        self.problem, self.dt, self.weights = problem, float(dt), weights
         self.hold, self.hold_norm, end = self._at_goal()
         self.terminal: Array = end if weights.terminal is None else weights.terminal
 
@@ -69,7 +67,13 @@ class Regulator:
             return np.zeros((nu, nx)), np.eye(nu), TERMINAL_FACTOR * np.diag(weights.state)
         a, b = self.linearise(problem.goal.state[None], problem.goal.control[None], problem.context.centre[None])
         r = np.diag(weights.control)
-        gain, cost_to_go, _ = control.dlqr(a[0], b[0], np.diag(weights.state), r)
+        try:
+            gain, cost_to_go, _ = control.dlqr(a[0], b[0], np.diag(weights.state), r)
+        except np.linalg.LinAlgError as error:
+            raise ValueError(
+                f"{problem.id}: there is no linear regulator that holds the goal with dt = {self.dt:g} s and these "
+                f"weights ({error}); choose others, or declare hold=0.0"
+            ) from error
         return np.asarray(gain), np.asarray(r + b[0].T @ cost_to_go @ b[0]), np.asarray(cost_to_go)
 
     def linearise(self, states: Array, controls: Array, contexts: Array) -> tuple[Array, Array]:

@@ -28,6 +28,9 @@ from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
+#: A duration may lie outside its bounds by this fraction of the longest one, from rounding.
+ROUNDING = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class Tracking(Batch):
@@ -112,8 +115,9 @@ class TrackingPolicy:
         """The recurrent state before the first control step of the B plans in ``plan``, in ``contexts`` (B, nc)."""
         self._check(plan, len(contexts))
         problem, rejected = self.problem, ~plan.finite
-        shortest, longest = problem.duration
-        clipped = ~rejected & ((plan.duration < shortest) | (plan.duration > longest))
+        margin = ROUNDING * problem.duration[1]
+        clipped = ~rejected & (plan.duration < problem.duration[0] - margin)
+        clipped |= ~rejected & (plan.duration > problem.duration[1] + margin)
         plan = self._into_boxes(plan, rejected)
         reference = self._resample(plan, contexts)
         # Between wild knots the interpolation overshoots, out of the box and into singularities of the dynamics.

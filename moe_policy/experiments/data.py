@@ -35,7 +35,7 @@ def _block(database: Database, where: slice, rows: StoredRows) -> tuple[dict[str
     present, full = rows.present, rows.found
     row, mode = np.nonzero(full)
     trajectory, parameters = problem.unflatten(rows.z[row, mode]), database.stored_parameters(where)[row]
-    filed = problem.modes.classify(problem, parameters, trajectory, rows.multipliers[row, mode])
+    filed = problem.modes.of(problem, parameters, trajectory, rows.multipliers[row, mode])
     count, cost = full.sum(axis=1), np.where(full, rows.cost, np.inf)
     counts = {
         "failing": (~verify(problem, parameters, trajectory, rows.cost[row, mode]).passed).sum(),

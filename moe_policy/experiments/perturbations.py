@@ -55,11 +55,14 @@ class Perturbation:
         """Arguments of the environment at ``level`` with the control period ``dt``, seconds; none at level 0.
 
         Raises:
-            ValueError: a constant or coordinate that the problem lacks, or a delay that is no multiple of ``dt``.
+            ValueError: a constant or coordinate that the problem lacks, a constant that is one of its parameters, or a
+                delay that is no multiple of ``dt``.
         """
         there = problem.system.constants if self.kind == "mismatch" else problem.system.state.names
         if unknown := [name for name in (*self.names, *self.divided) if name not in there]:
             raise ValueError(f"{problem.id} has no {unknown}; there are {sorted(there)}")
+        if given := [name for name in (*self.names, *self.divided) if name in problem.context.names]:
+            raise ValueError(f"{problem.id}: {given} are parameters, known to every planner: no mismatch of the plant")
         if level == 0:
             return {}
         if self.kind == "mismatch":
@@ -101,5 +104,6 @@ def disturbance(unit: str, *coordinates: str, levels: tuple[float, ...]) -> Pert
 
 
 def of_every_constant(problem: OptimalControlProblem) -> tuple[Perturbation, ...]:
-    """Perturbations of any ``problem``: a mismatch of every constant that is not 0, noise and delay."""
-    return (*(mismatch(name, name) for name, value in problem.system.constants.items() if value), *SENSING)
+    """Perturbations of any ``problem``: noise, delay and a mismatch of constants that are neither 0 nor parameters."""
+    constants = {name: value for name, value in problem.system.constants.items() if name not in problem.context.names}
+    return (*(mismatch(name, name) for name, value in constants.items() if value), *SENSING)

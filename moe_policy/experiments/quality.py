@@ -21,6 +21,7 @@ from moe_policy.experiments.data import contents
 from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline, renamed
 from ocp_envs.data.database import Database
+from ocp_envs.goal import SINGLE_MODE
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import GuessKind, guesses
 from ocp_envs.solvers.nlp import SolverSettings
@@ -109,7 +110,8 @@ def widened(problem: OptimalControlProblem) -> OptimalControlProblem:
     steps = np.stack(np.meshgrid(*around, indexing="ij"), axis=-1).reshape(-1, len(state))
     windings = np.unique((goal.windings[:, None] + steps).reshape(-1, len(state)), axis=0)
     inside = state.contains(goal.state + windings * state.periods)
-    return dataclasses.replace(problem, goal=dataclasses.replace(goal, windings=windings[inside]))
+    wider = dataclasses.replace(goal, windings=windings[inside])
+    return dataclasses.replace(problem, goal=wider, modes=SINGLE_MODE)  # has no family for some of the windings
 
 
 @lru_cache(maxsize=1)

@@ -24,6 +24,7 @@ from moe_policy.control.observations import beginning, shaped_as
 from moe_policy.model_files import ModelFile, write_model
 from moe_policy.planners.calculation import DEVICE, DTYPE, planning
 from moe_policy.rl.features import Actions, Features
+from ocp_envs.control_step import checked_dt
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 
@@ -163,7 +164,7 @@ class LearnedPolicy:
 
 
 def _whole_steps(problem: OptimalControlProblem, period: float, dt: float) -> int:
-    steps = period / dt if dt > 0 else math.nan
+    steps = period / checked_dt(problem, dt)
     if not (math.isfinite(steps) and round(steps) >= 1 and math.isclose(steps, round(steps), rel_tol=1e-6)):
         wrong = f"the policy decides every {period} s, which is no multiple of the control period of {dt} s"
         raise ValueError(f"{problem.id}: {wrong}")

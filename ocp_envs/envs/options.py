@@ -24,6 +24,8 @@ from ocp_envs.support.clock import count_steps
 from ocp_envs.support.suggestions import did_you_mean
 
 RENDER_MODES = ("rgb_array", "human")
+#: Control steps of an episode; an index of more is no longer exact in float arithmetic of times.
+MOST_STEPS = 1e9
 
 
 class EnvArguments(TypedDict, total=False):
@@ -88,6 +90,11 @@ class EnvOptions:
         limit = problem.time_limit if self.time_limit is None else float(self.time_limit)
         if not (math.isfinite(limit) and limit > 0):
             raise ValueError(f"{problem.id}: time_limit must be a positive number of seconds, got {self.time_limit}")
+        if limit / self.dt > MOST_STEPS:
+            raise ValueError(
+                f"{problem.id}: time_limit = {limit:g} s and dt = {self.dt:g} s make more than {MOST_STEPS:g} control "
+                "steps; both are in seconds"
+            )
         object.__setattr__(self, "time_limit", limit)
         steps = self.max_episode_steps
         if steps is not None and not (isinstance(steps, (int, np.integer)) and steps > 0):

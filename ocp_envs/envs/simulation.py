@@ -19,7 +19,6 @@ in 99 % of the cases, 8e-7 in the median).
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -27,10 +26,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.batch import BatchFunction, BoundFunction, dense_function
-from ocp_envs.support.clock import count_steps
 from ocp_envs.system import Box
 
 _MAX_VERTICES = 2**16
@@ -137,17 +136,15 @@ class Simulator:
             ``longest_substep``.
 
     Raises:
-        ValueError: a ``dt`` that is not positive and finite, or fewer than one substep.
+        TypeError: a ``dt`` or substeps that are no numbers.
+        ValueError: a ``dt`` that is not positive or longer than the longest plan, or other than 1 to
+            :data:`~ocp_envs.control_step.MOST_SUBSTEPS` Runge-Kutta steps.
     """
 
     def __init__(self, problem: OptimalControlProblem, dt: float, substeps: int | None = None) -> None:
-        if not (math.isfinite(dt) and dt > 0):
-            raise ValueError(f"{problem.id}: dt must be a positive number of seconds, got {dt}")
-        if substeps is not None and substeps < 1:
-            raise ValueError(f"{problem.id}: expected at least one substep, got {substeps}")
         self.problem = problem
+        self.substeps = runge_kutta_steps(problem, dt, substeps)
         self.dt = float(dt)
-        self.substeps = substeps or max(1, int(count_steps(dt, problem.longest_substep)))
 
     @cached_property
     def _plain(self) -> BatchFunction:

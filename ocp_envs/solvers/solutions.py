@@ -133,6 +133,6 @@ def best_per_mode(problem: OptimalControlProblem, parameters: Array, solutions: 
     if not len(found):
         return best
     p = np.repeat(parameters[None], len(found), axis=0)
-    mode = problem.modes.classify(problem, p, solutions.trajectory[found], solutions.multipliers[found])
+    mode = problem.modes.of(problem, p, solutions.trajectory[found], solutions.multipliers[found])
     which, first = np.unique(mode, return_index=True)
     return best.replaced(np.isin(np.arange(len(best)), which), solutions[found[first]])

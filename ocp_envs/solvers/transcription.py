@@ -129,8 +129,8 @@ class Transcription:
         return Trajectory(states, controls, table[:, 0, self.nx] * self.step_scale * self.intervals)
 
     def with_duration(self, w: Array, fraction: float) -> Array:
-        """Variables ``w`` (nw,) with the duration at ``fraction`` of its upper bound."""
-        return np.where(self._is_step, fraction * self.upper, w)
+        """Variables ``w`` (nw,) with the duration at ``fraction`` of its upper bound, or at the lower one if longer."""
+        return np.where(self._is_step, np.maximum(fraction * self.upper, self.lower), w)
 
     def clearance_multipliers(self, lam_g: Array) -> Array:
         """Multipliers of the clearances at the knots k ≥ 1, (N − 1, nh), positive where the constraint is active.

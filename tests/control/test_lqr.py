@@ -16,6 +16,15 @@ from tests.plans import DT, random_plan
 from tests.small_problems import WALLED_INTEGRATOR
 
 
+def test_a_regulator_that_cannot_be_computed_is_refused_in_words(monkeypatch):
+    def fails(*arguments):
+        raise np.linalg.LinAlgError("failed to find a finite solution")
+
+    monkeypatch.setattr(control, "dlqr", fails)
+    with pytest.raises(ValueError, match=r"no linear regulator that holds the goal with dt = 0.02 s .*declare hold"):
+        Regulator(PENDULUM, 0.02)
+
+
 @pytest.mark.parametrize("problem", [PENDULUM, QUADCOPTER, QUADCOPTER_OBSTACLE])
 def test_linearisation_is_the_derivative_of_the_simulated_step(problem):
     regulator, simulator = Regulator(problem, DT), Simulator(problem, DT)

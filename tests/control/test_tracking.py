@@ -1,5 +1,7 @@
 """Tracking in the simulator."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -111,6 +113,22 @@ def test_wild_plans_are_counted_and_never_lead_to_nan():
     assert np.isfinite(controls).all()
     stabilised, _ = replay(PENDULUM, Stabiliser(PENDULUM), None, start[:1], 420)
     np.testing.assert_allclose(states[0], stabilised[0], atol=1e-9)
+
+
+def test_a_fixed_duration_in_single_precision_does_not_count_as_clipped():
+    fixed = dataclasses.replace(PENDULUM, duration=(6.1, 6.1))
+    plan, _ = random_plan(fixed, 3, seed=8)
+    plan = dataclasses.replace(plan, duration=np.array([np.float32(6.1), 6.1 - 1e-4, 6.1 + 1e-4], np.float64))
+    policy = TrackingPolicy(fixed, lambda p: plan)
+    schedule = policy.schedule(policy.start(np.array([[1.0, 0.0]] * 3)))
+    np.testing.assert_array_equal(schedule.clipped, [False, True, True])
+
+
+@pytest.mark.parametrize("make", [TrackingPolicy, lambda problem, planner, dt: Stabiliser(problem, dt)])
+@pytest.mark.parametrize("dt", [0.0, 5.0, 1000, 10**30])
+def test_control_steps_that_no_simulator_takes_are_refused_at_once(make, dt):
+    with pytest.raises(ValueError, match=r"dt .*seconds"):
+        make(PENDULUM, lambda p: None, dt=dt)
 
 
 @pytest.mark.parametrize("problem", [PENDULUM, QUADCOPTER, WALLED_INTEGRATOR])

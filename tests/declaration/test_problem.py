@@ -182,7 +182,7 @@ def test_the_catalogue_suggests_the_nearest_name():
     [
         ({"goal": Goal([np.pi], 0.1, [[0]], [0.0])}, "expected a goal"),
         ({"goal": Goal([np.pi, 0.0], 0.1, [[0, 1]], [0.0])}, "without a period"),
-        ({"duration": (2.0, 1.0)}, "shortest < longest"),
+        ({"duration": (2.0, 1.0)}, "shortest ≤ longest"),
         ({"knots": 1}, "knots"),
         ({"rest": np.zeros(3)}, "rest"),
     ],

@@ -240,7 +240,7 @@ def test_a_copy_goes_on_alike_and_apart(duplicate):
 
 
 def test_a_users_problem_gets_environments_of_both_kinds():
-    problem = dataclasses.replace(PENDULUM, id="MyPendulum-v0", time_limit=0.5)
+    problem = dataclasses.replace(PENDULUM, id="MyPendulum-v0", duration=(0.1, 0.5), time_limit=0.5)
     ocp_envs.register(problem)
     ocp_envs.register(problem)
     try:

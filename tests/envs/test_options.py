@@ -16,6 +16,7 @@ from ocp_envs.envs.options import EnvOptions
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.system import Box, Coordinate
 
 
 @pytest.mark.parametrize("environment", [Env, VectorEnv])
@@ -79,6 +80,14 @@ def test_a_mistyped_argument_is_answered_with_the_nearest_and_all_that_are_accep
 def test_refuses_bad_arguments(arguments, match):
     with pytest.raises(ValueError, match=match):
         Env(PENDULUM, **arguments)
+
+
+@pytest.mark.parametrize("make", [Env, lambda problem, **options: VectorEnv(problem, 2, **options)])
+def test_a_constant_that_is_a_parameter_is_refused(make):
+    mass = Coordinate("mass", 0.5, 2.0, "kg")
+    problem = dataclasses.replace(PENDULUM, parameters=Box((*PENDULUM.parameters.coordinates, mass)))
+    with pytest.raises(ValueError, match=r"the constants \['mass'\] are parameters of this problem"):
+        make(problem, constants={"mass": 4.0})
 
 
 def test_unknown_problem_names_the_nearest():

@@ -11,6 +11,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ocp_envs
+from ocp_envs.control_step import MOST_SUBSTEPS
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
@@ -148,6 +149,7 @@ def test_mismatch_is_a_problem_with_other_constants():
     assert heavy[1] == pytest.approx(2 * light[1], rel=1e-4)
 
 
+@pytest.mark.filterwarnings("ignore:Root-v0. cost_rate is not finite:UserWarning")
 def test_a_cost_that_is_not_a_number_counts_as_leaving():
     import casadi as ca
 
@@ -155,6 +157,26 @@ def test_a_cost_that_is_not_a_number_counts_as_leaving():
     step = Simulator(problem, 0.02).advance([[0.0, 0.0], [0.0, 5.0]], np.zeros((2, 1)), np.zeros((2, 0)))
     assert step.left_box.tolist() == [False, True]
     assert np.isfinite(step.cost).all()
+
+
+@pytest.mark.parametrize(
+    ("dt", "message"),
+    [
+        (10.0, "at most the longest duration of a plan, 8 s, got 10; dt is in seconds"),
+        (2**63, "dt is in seconds"),
+        (1e308, "dt is in seconds"),
+        (5.0, "more than 100 Runge-Kutta steps, as longest_substep = 0.02 s; dt is in seconds"),
+    ],
+)
+def test_control_steps_longer_than_any_in_use_are_refused_at_once(dt, message):
+    with pytest.raises(ValueError, match=message):
+        Simulator(PENDULUM, dt)
+    assert Simulator(PENDULUM, 2.0).substeps == MOST_SUBSTEPS
+
+
+def test_other_longest_substeps_allow_other_control_steps():
+    slow = dataclasses.replace(PENDULUM, longest_substep=0.1)
+    assert Simulator(slow, 5.0).substeps == 50
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])

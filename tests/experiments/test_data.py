@@ -274,7 +274,8 @@ def test_a_plan_that_escapes_is_counted_and_spoils_no_other():
     """ẋ = x² reaches infinity after 1/x_0 seconds, and x_0/(1 − t x_0) before."""
     system = DOUBLE_INTEGRATOR.system
     dynamics = lambda x, u, c: [x[0] ** 2, u[0]]  # noqa: E731
-    problem = dataclasses.replace(INTEGRATOR, system=System("escape", system.state, system.control, {}, dynamics))
+    escaping = System("escape", system.state, system.control, {}, dynamics)
+    problem = dataclasses.replace(INTEGRATOR, system=escaping, hold=0.0)
     parameters = np.array([[0.5, 0.0], [-1.0, 0.0], [3.0, 0.0], [np.e / 10, 0.0]])
     states = np.zeros((4, 21, 2))
     found = accuracy(problem, parameters, Trajectory(states, np.zeros((4, 20, 1)), np.full(4, 1.0)))

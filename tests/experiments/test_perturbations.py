@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.perturbations import Perturbation
+from moe_policy.experiments.perturbations import Perturbation, mismatch
 from moe_policy.rollouts.environments import environments
 from ocp_envs.envs.options import EnvOptions
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.system import Box, Coordinate
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 
@@ -106,6 +107,14 @@ def test_delays_are_whole_control_steps():
 def test_a_problem_of_the_user_has_perturbations():
     names = {perturbation.name for perturbation in benchmark_of(DOUBLE_INTEGRATOR).perturbations}
     assert names == {*DOUBLE_INTEGRATOR.system.constants, "noise", "delay"}
+
+
+def test_parameters_are_no_mismatch():
+    mass = Coordinate("mass", 0.5, 2.0, "kg")
+    problem = dataclasses.replace(DOUBLE_INTEGRATOR, parameters=Box((*DOUBLE_INTEGRATOR.parameters.coordinates, mass)))
+    assert {perturbation.name for perturbation in benchmark_of(problem).perturbations} == {"noise", "delay"}
+    with pytest.raises(ValueError, match=r"\['mass'\] are parameters, known to every planner"):
+        mismatch("mass", "mass").arguments(problem, 10.0)
 
 
 @pytest.mark.parametrize(

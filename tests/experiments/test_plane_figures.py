@@ -10,6 +10,7 @@ from moe_policy.experiments.figures.errors import error_histograms_figure
 from moe_policy.experiments.figures.style import COLORS, STYLE, coordinate_text
 from moe_policy.learning.clustering import Labels, cluster
 from ocp_envs.data.samples import Samples
+from ocp_envs.goal import SINGLE_MODE
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.trajectory import Trajectory
@@ -67,7 +68,7 @@ def test_the_coordinate_that_tells_windings_apart():
     assert plane.winding_coordinate(VEHICLE) == 2
     assert plane.winding_coordinate(DOUBLE_INTEGRATOR) == 0
     once = dataclasses.replace(VEHICLE.goal, windings=[[0, 0, 0, 0]])
-    assert plane.winding_coordinate(dataclasses.replace(VEHICLE, goal=once)) == 2  # the periodic one
+    assert plane.winding_coordinate(dataclasses.replace(VEHICLE, goal=once, modes=SINGLE_MODE)) == 2  # the periodic one
 
 
 # -- the chosen case ---------------------------------------------------------------------------------------------------

@@ -51,6 +51,19 @@ def test_minimum_time_and_energy_with_saturation(settings):
     np.testing.assert_allclose(solution.trajectory.controls[0, :, 0], expected, atol=0.03)
 
 
+@pytest.mark.parametrize("settings", [SolverSettings(), IPOPT], ids=["fatrop", "ipopt"])
+@pytest.mark.parametrize("duration", [5.0, 6.0, 11.0])
+def test_a_fixed_final_time(settings, duration):
+    """From (2, 0): J = T + 6 d²/T³, from Pontryagin's principle, and up to 1/(N − 1)² for controls that are held."""
+    fixed = dataclasses.replace(DOUBLE_INTEGRATOR, duration=(duration, duration))
+    solution = Solver(fixed, settings).solve(*line(fixed, [2.0, 0.0]))
+    assert solution.status[0] == Status.SOLVED
+    assert solution.trajectory.duration[0] == pytest.approx(duration, rel=1e-12)
+    work = 6 * 2.0**2 / duration**3
+    # The goal is a box of ±1e-5, which is worth about 1e-5 of the cost.
+    assert duration + work * (1 - 1e-4) - 1e-4 < solution.cost[0] < duration + work * (1 + 2 / 20**2)
+
+
 def test_discrete_optimum_without_bounds():
     """For a fixed t_f the discrete problem is least squares: minimum-norm controls; t_f by line search."""
     wide = dataclasses.replace(

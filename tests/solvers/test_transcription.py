@@ -1,3 +1,4 @@
+import dataclasses
 import pickle
 
 import casadi as ca
@@ -10,7 +11,7 @@ from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.transcription import GOAL_TOLERANCE, transcribe
 from ocp_envs.trajectory import Trajectory
-from tests.small_problems import with_states
+from tests.small_problems import DOUBLE_INTEGRATOR, with_states
 
 PROBLEMS = [PENDULUM, QUADCOPTER, QUADCOPTER_OBSTACLE]
 RNG = np.random.default_rng(7)
@@ -74,6 +75,13 @@ def test_bounds_contain_the_boxes_and_pin_the_goal(problem):
     goal_box = GOAL_TOLERANCE * problem.system.state.scale
     np.testing.assert_allclose(low.states[0, -1], problem.targets[-1] - goal_box, atol=1e-12)
     np.testing.assert_allclose(high.states[0, -1], problem.targets[-1] + goal_box, atol=1e-12)
+
+
+@pytest.mark.parametrize("shortest", [0.2, 10.0, 12.0])
+def test_another_duration_stays_within_its_bounds(shortest):
+    program = transcribe(dataclasses.replace(DOUBLE_INTEGRATOR, duration=(shortest, 12.0)))
+    longer = program.unpack(program.with_duration(program.lower, 0.75)[None], np.zeros((1, 2)))
+    assert longer.duration[0] == pytest.approx(max(9.0, shortest))
 
 
 def test_program_survives_pickling():
