@@ -220,8 +220,9 @@ class OutsideBox:
 class NearGoal:
     """Instances near the goal: the parameter box shrunk towards the goal's state (:mod:`ocp_envs.sets.near`).
 
-    An optimum takes at least the shortest duration of the problem, ``problem.duration[0]``. For initial states next to
-    the goal ball, this bound decides the cost.
+    An optimum takes at least the shortest duration of the problem, ``problem.duration[0]``, which decides the cost of
+    instances next to the goal. Those of the benchmark take longer: for the pendulum, 0.15 s or more where 0.1 s are
+    allowed.
 
     Args:
         seed: of the draw and of the guesses.
