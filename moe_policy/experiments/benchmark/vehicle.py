@@ -54,7 +54,7 @@ BENCHMARK = Benchmark(
         numbers=(4, 6, 8, 10, 14, 20),
         used=10,
         instances=20_000,
-        settings=TrainingSettings(epochs=60, learning_rate=3e-3),
+        settings=TrainingSettings(epochs=40, learning_rate=3e-3),
     ),
     learners=Learners(
         settings={"sac": _SAC, "ppo": _PPO},
