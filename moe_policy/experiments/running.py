@@ -43,7 +43,7 @@ EXPECTED = (
     WorkerLostError,
 )
 #: Seconds that an interrupted script has to end by itself. Whatever it writes is complete or absent at any moment.
-GRACE = 1.5
+GRACE = 1.0
 
 
 class UsageError(SystemExit):

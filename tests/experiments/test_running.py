@@ -1,13 +1,17 @@
 """How a script runs and ends."""
 
 import io
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from moe_policy.experiments import running
 from ocp_envs.data.layout import DatabaseError
 from ocp_envs.problems import UnknownProblemError
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -69,6 +73,12 @@ def test_a_script_ends_with_the_status_of_its_main(end):
 )
 def test_an_interrupt_is_one_line(continues, words, end):
     assert end(failing(KeyboardInterrupt()), continues=continues) == (130, f"script.py: {words}\n")
+
+
+def test_experiments_without_their_packages_end_in_one_line_before_any_work():
+    code = "import sys; sys.modules['cattrs'] = None; import moe_policy.experiments"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert (done.returncode, done.stderr) == (1, f"error: {running.install('cattrs')}\n")
 
 
 def test_an_option_names_itself_in_the_errors_of_its_value():
