@@ -113,7 +113,7 @@ def test_what_hangs_is_given_up_where_no_rescue_is_asked_for():
 
 
 def test_a_process_that_sleeps_is_tried_twice_and_then_rescued(monkeypatch):
-    monkeypatch.setattr(guard, "WALL_FACTOR", 0.1)
+    monkeypatch.setattr(guard, "WALL_FACTOR", 0.3)
     with GuardedSolver(DOUBLE_INTEGRATOR, HURRIED, TROUBLED) as solver:
         monkeypatch.setattr(guard, "UNKNOWN_LIMIT", 0.3)
         found = solver.solve(*arguments([0.5, SLEEPS, 0.7]))
