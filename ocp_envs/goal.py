@@ -48,6 +48,10 @@ class Goal:
         object.__setattr__(self, "windings", fields.whole_rows("goal", "windings", self.windings))
         object.__setattr__(self, "control", fields.vector("goal", "control", self.control))
 
+    def __repr__(self) -> str:
+        state, control = (", ".join(f"{value:.4g}" for value in values) for values in (self.state, self.control))
+        return f"Goal([{state}], radius={self.radius:g}, {len(self.windings)} windings, control=[{control}])"
+
     def check(self, owner: str, system: System) -> None:
         """Refuse a system that the goal does not fit.
 

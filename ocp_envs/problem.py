@@ -106,6 +106,15 @@ class OptimalControlProblem:
         # Functions travel by reference or, if they have no name, by value.
         return _restored, (cloudpickle.dumps(self._fields()),)
 
+    def __repr__(self) -> str:
+        sizes = f"nx={self.system.nx}, nu={self.system.nu}, np={len(self.parameters)}, nh={self.n_clearances}"
+        shortest, longest = self.duration
+        return (
+            f"OptimalControlProblem({self.id!r}, {sizes}, knots={self.knots}, t_f {shortest:g} … {longest:g} s,\n"
+            f"  p in {self.parameters!r},\n"
+            f"  families {' | '.join(self.modes.names)})"
+        )
+
     def _fields(self) -> dict[str, object]:
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
 

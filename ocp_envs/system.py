@@ -123,6 +123,9 @@ class Box:
     def __len__(self) -> int:
         return len(self.coordinates)
 
+    def __repr__(self) -> str:
+        return f"Box({', '.join(f'{c.name} [{c.lower:g}, {c.upper:g}] {c.unit}' for c in self.coordinates)})"
+
     @cached_property
     def names(self) -> tuple[str, ...]:
         return tuple(c.name for c in self.coordinates)
@@ -238,6 +241,10 @@ class System:
     def __reduce__(self) -> tuple[object, ...]:
         # A read-only mapping does not pickle; functions travel by reference, or by value with cloudpickle.
         return System, (self.name, self.state, self.control, dict(self.constants), self.dynamics)
+
+    def __repr__(self) -> str:
+        constants = ", ".join(f"{name}={value:g}" for name, value in self.constants.items())
+        return f"System({self.name!r}, nx={self.nx}, nu={self.nu}, {constants})"
 
     @property
     def nx(self) -> int:

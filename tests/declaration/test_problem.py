@@ -197,6 +197,18 @@ def test_a_goal_needs_a_radius():
         Goal([0.0], 0.0, [[0]], [0.0])
 
 
+@every_problem
+def test_representations_fit_a_screen(problem):
+    lines = repr(problem).splitlines()
+    assert len(lines) == 3
+    assert all(len(line) <= 240 for line in lines)
+    assert f"{problem.id!r}, nx={problem.system.nx}, nu={problem.system.nu}, np={len(problem.parameters)}" in lines[0]
+    assert all(name in lines[1] for name in problem.parameters.names)
+    for part in (problem.system, problem.goal, problem.system.control):
+        assert len(repr(part).splitlines()) == 1
+        assert len(repr(part)) <= 240
+
+
 def test_problems_are_values():
     assert isinstance(PENDULUM, OptimalControlProblem)
     with pytest.raises(dataclasses.FrozenInstanceError):
