@@ -13,7 +13,7 @@ from typing import cast
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.model_files import Json, ModelFile, write_model
 from moe_policy.planners.calculation import planning
@@ -82,7 +82,7 @@ class NetworkPlanner:
         return torch.from_numpy(self.inputs.scale(within)).to(weight.device, weight.dtype), turns
 
     def _trajectory(self, outputs: torch.Tensor, turns: Array) -> Trajectory:
-        return self.problem.unflatten(self.outputs.unscale(outputs.to("cpu", torch.float64).numpy())).shifted(turns)
+        return self.problem.unflatten(self.outputs.unscale(_array(outputs))).shifted(turns)
 
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), which must be finite; outside their box they are extrapolated.
@@ -166,6 +166,12 @@ class NetworkPlanner:
             "details": dict(self.details),
         }
         write_model(path, "network", self.problem, tensors, description)
+
+
+def _array(outputs: torch.Tensor) -> NDArray[np.floating]:
+    """The values of ``outputs`` of any type on any device."""
+    plain = outputs.device.type == "cpu" and outputs.dtype is torch.float32
+    return np.asarray((outputs if plain else outputs.to("cpu", torch.float64)).numpy())
 
 
 def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlanner:

@@ -81,8 +81,10 @@ class SingleNetwork(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Outputs (B, sizes[-1]) of inputs ``x`` (B, sizes[0])."""
         last = len(self.weights) - 1
-        for i, (weight, bias) in enumerate(zip(self.weights, self.biases)):
-            x = F.linear(x, weight, bias)
+        # Iterating over a ParameterList takes as long as the layers themselves.
+        parameters = zip(self.weights._parameters.values(), self.biases._parameters.values())
+        for i, (weight, bias) in enumerate(parameters):
+            x = F.linear(x, cast(Tensor, weight), bias)
             if i < last:
                 x = F.leaky_relu(x, NEGATIVE_SLOPE)
         return x
