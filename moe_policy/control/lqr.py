@@ -13,6 +13,8 @@ which controls are projected onto their bounds (:mod:`moe_policy.control.project
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import control
 import numpy as np
 
@@ -23,8 +25,9 @@ from ocp_envs.support.arrays import Array, Ints
 
 #: Where a goal cannot be held, the error at the end of a plan is weighted as that of so many control steps.
 TERMINAL_FACTOR = 10.0
-#: The recursion linearises at most this many different numbers of plans, see :meth:`Regulator.along`.
-_SIZES = 8
+#: The recursion linearises at most this many different numbers of plans, and about so many control steps of all plans
+#: at once, or those of one step; see :meth:`Regulator.along`.
+_SIZES, _ROWS = 8, 256
 
 
 class Regulator:
@@ -96,22 +99,39 @@ class Regulator:
         nx = states.shape[2]
         gains, norms = np.empty((size, longest + 1, nu, nx)), np.empty((size, longest + 1, nu, nu))
         gains[:], norms[:] = self.hold, self.hold_norm
-        # The longest plans first: at each control step the plans under way are a prefix. Prefixes are rounded up to a
-        # few sizes, because setting up a mapped function takes time for each new batch size.
+        # The longest plans first: at each control step the plans under way are a prefix.
         order = np.argsort(-steps, kind="stable")
         under_way = np.searchsorted(-steps[order], -np.arange(longest), side="left")
-        unit = max(1, -(-size // _SIZES))
         q, r = np.diag(self.weights.state), self.weights.control_at(controls, self.problem.system.control)
-        p = np.tile(self.terminal, (size, 1, 1))
-        for k in range(longest - 1, -1, -1):
-            n = int(under_way[k])
-            padded = order[: min(size, -(-n // unit) * unit)]
-            a, b = self.linearise(states[padded, k], controls[padded, k], contexts[padded])
-            a, b, rows = a[:n], b[:n], order[:n]
+        p, unit_matrix = np.tile(self.terminal, (size, 1, 1)), np.eye(nu)
+        for k, a, b in self._backwards(states, controls, contexts, order, under_way):
+            n, rows = len(a), order[: len(a)]
             bp = b.swapaxes(1, 2) @ p[:n]
-            norm = r[rows, k, :, None] * np.eye(nu) + bp @ b
+            norm = r[rows, k, :, None] * unit_matrix + bp @ b
             gain = np.linalg.solve(norm, bp @ a)
             gains[rows, k], norms[rows, k] = gain, norm
             following = q + a.swapaxes(1, 2) @ p[:n] @ (a - b @ gain)
             p[:n] = (following + following.swapaxes(1, 2)) / 2
         return gains, norms
+
+    def _backwards(
+        self, states: Array, controls: Array, contexts: Array, order: Ints, under_way: Ints
+    ) -> Iterator[tuple[int, Array, Array]]:
+        """Each control step from the last to the first, with A and B of the plans under way, the first in ``order``."""
+        size, end = len(order), len(under_way)
+        unit = max(1, -(-size // _SIZES))
+        while end:
+            # Several control steps in one call, which for a few plans takes most of the time of a call for one.
+            few = np.arange(end, 0, -1) * under_way[:end] <= _ROWS
+            begin = int(np.argmax(few)) if few.any() else end - 1
+            # Rounded up to a few sizes, because setting up a mapped function takes time for each new batch size.
+            rows = order[: min(size, -(-int(under_way[begin]) // unit) * unit)]
+            # Rows of one control step after those of the other, so that each step's are contiguous.
+            x, u = (
+                values[rows, begin:end].swapaxes(0, 1).reshape(-1, values.shape[2]) for values in (states, controls)
+            )
+            a, b = self.linearise(x, u, np.tile(contexts[rows], (end - begin, 1)))
+            a, b = (each.reshape(end - begin, len(rows), *each.shape[1:]) for each in (a, b))
+            for k in range(end - 1, begin - 1, -1):
+                yield k, a[k - begin, : under_way[k]], b[k - begin, : under_way[k]]
+            end = begin

@@ -113,3 +113,16 @@ def test_a_goal_that_cannot_be_held_has_no_hold_gain():
 def test_weights_of_the_wrong_shape_are_refused(weights):
     with pytest.raises(ValueError, match="expected"):
         Regulator(PENDULUM, DT, TrackingWeights(*weights))
+
+
+@pytest.mark.parametrize("size", [1, 3, 40])
+def test_regulators_of_a_plan_do_not_depend_on_its_batch(size):
+    regulator, rng = Regulator(PENDULUM, DT), np.random.default_rng(size)
+    steps = rng.integers(1, 30, size)
+    states, controls = rng.normal(size=(size, 31, 2)), rng.uniform(-1, 1, (size, 30, 1))
+    gains, norms = regulator.along(states, controls, np.zeros((size, 0)), steps)
+    for row in range(size):
+        alone = slice(row, row + 1)
+        one = regulator.along(states[alone], controls[alone], np.zeros((1, 0)), steps[alone])
+        np.testing.assert_allclose(gains[row], one[0][0], rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(norms[row], one[1][0], rtol=1e-12, atol=1e-12)
