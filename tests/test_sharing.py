@@ -3,6 +3,8 @@
 import copy
 import multiprocessing
 import pickle
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import numpy as np
 import pytest
@@ -154,3 +156,43 @@ def test_a_problem_of_the_benchmark_is_itself_after_pickling_and_another_one_equ
     other = pickle.loads(pickle.dumps(DOUBLE_INTEGRATOR))
     assert other.fingerprint == DOUBLE_INTEGRATOR.fingerprint
     assert not any(isinstance(value, BatchFunction) for value in vars(other).values())
+
+
+@pytest.mark.parametrize("duplicate", [None, copy.deepcopy, lambda value: pickle.loads(pickle.dumps(value))])
+def test_an_environment_in_use_refuses_other_threads_but_not_its_copies(duplicate):
+    envs = moe_policy.environments(PENDULUM, 2)
+    envs.reset(seed=0)
+    other = envs if duplicate is None else duplicate(envs)
+
+    def use(number):
+        other.reset(seed=0)
+        other.step(np.zeros((2, 1)))
+        return moe_policy.rollout(other, moe_policy.Stabiliser(PENDULUM), [[3.1, 0.0]]).success.tolist()
+
+    with envs.reserved():
+        if duplicate is None:
+            with pytest.raises(RuntimeError, match="another thread is using this environment; give each thread"):
+                in_threads(use, 1)
+        else:
+            assert in_threads(use, 1) == [[True]]
+        assert use(0) == [True]
+    assert in_threads(use, 1) == [[True]]
+
+
+def test_rollouts_of_two_threads_in_the_same_environments_do_not_mix():
+    envs, policy = moe_policy.environments(PENDULUM, 2), moe_policy.Stabiliser(PENDULUM)
+    started, wait = Event(), Event()
+
+    class Slow(moe_policy.Stabiliser):
+        def predict(self, *arguments, **keywords):
+            started.set()
+            wait.wait(LIMIT)
+            return super().predict(*arguments, **keywords)
+
+    with ThreadPoolExecutor(1) as pool:
+        running = pool.submit(moe_policy.rollout, envs, Slow(PENDULUM), [[3.1, 0.0]])
+        started.wait(LIMIT)
+        with pytest.raises(RuntimeError, match="another thread"):
+            moe_policy.rollout(envs, policy, [[3.1, 0.0]])
+        wait.set()
+        assert running.result().success.all()

@@ -57,6 +57,7 @@ def rollout(
 
     Raises:
         TypeError: another vector environment than one of :mod:`ocp_envs`.
+        RuntimeError: another thread is using the environments.
         ValueError: an unknown ``evaluation``, an environment that restarts or ends at the goal by itself, a wrapper
             that does not take exactly one control step in a step, a policy for another control period, a horizon beyond
             the time limit, parameters of another shape or not finite.
@@ -68,10 +69,11 @@ def rollout(
     if len(p) == 0:
         raise ValueError(f"{base.problem.id}: expected parameters of at least one episode, got none")
     parts, size = [], base.num_envs
-    for first in range(0, len(p), size):
-        batch = p[first : first + size]
-        filled = np.concatenate([batch, np.repeat(batch[-1:], size - len(batch), axis=0)])
-        parts.append(_run(envs, policy, filled, steps, record, evaluation)[: len(batch)])
+    with base.reserved():
+        for first in range(0, len(p), size):
+            batch = p[first : first + size]
+            filled = np.concatenate([batch, np.repeat(batch[-1:], size - len(batch), axis=0)])
+            parts.append(_run(envs, policy, filled, steps, record, evaluation)[: len(batch)])
     return Episodes.concatenate(parts)
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import cached_property
+from typing import NoReturn
 
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
@@ -40,9 +43,36 @@ class Plant:
         self._disturbance = np.asarray(options.disturbance)[None]
         self._noise = np.asarray(options.observation_noise)[None]
         self._late = deque(np.zeros((rows, options.problem.system.nu)) for _ in range(options.delay))
+        self._lock = threading.RLock()
+
+    def __getstate__(self) -> dict[str, object]:
+        return {name: value for name, value in self.__dict__.items() if name not in ("_lock", "_clearances")}
+
+    def __setstate__(self, state: dict[str, object]) -> None:
+        self.__dict__.update(state)
+        self._lock = threading.RLock()
+
+    def _refuse(self) -> NoReturn:
+        raise RuntimeError(
+            f"{self.options.problem.id}: another thread is using this environment; give each thread one of its own"
+        )
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """The context in which no other thread can begin or advance episodes."""
+        if not self._lock.acquire(False):
+            self._refuse()
+        try:
+            yield
+        finally:
+            self._lock.release()
 
     def begin(self, rows: Ints, parameters: Array) -> None:
         """Begin the episodes ``rows`` with the ``parameters`` p of each, (len(rows), np)."""
+        with self.alone():
+            self._begin(rows, parameters)
+
+    def _begin(self, rows: Ints, parameters: Array) -> None:
         index = ALL if len(rows) == self.rows else rows
         self.step.state[index], self.step.context[index] = self.options.problem.start(parameters)
         self.parameters[index] = parameters
@@ -72,20 +102,25 @@ class Plant:
         ``controls`` are those of all episodes, (rows, nu); with a delay they act later.
         ``normal`` draws the disturbance.
         """
-        step, options = self.step, self.options
-        index = ALL if len(rows) == self.rows else rows
-        if options.delay:
-            # Rows that stand still need no exception: before such a row moves again, an episode begins in it.
-            late = self._late.popleft()
-            step.control[:] = late
-            late[:] = controls
-            self._late.append(late)
-        else:
-            step.control[:] = controls
-        if options.disturbed:
-            step.disturbance[index] = self._disturbance * normal(rows)
-        step.evaluate()
-        step.state[index] = step.following[index]
+        if not self._lock.acquire(False):  # inline: a context takes as long as the arithmetic of a single episode
+            self._refuse()
+        try:
+            step, options = self.step, self.options
+            index = ALL if len(rows) == self.rows else rows
+            if options.delay:
+                # Rows that stand still need no exception: before such a row moves again, an episode begins in it.
+                late = self._late.popleft()
+                step.control[:] = late
+                late[:] = controls
+                self._late.append(late)
+            else:
+                step.control[:] = controls
+            if options.disturbed:
+                step.disturbance[index] = self._disturbance * normal(rows)
+            step.evaluate()
+            step.state[index] = step.following[index]
+        finally:
+            self._lock.release()
 
     def measure(self, rows: Ints, normal: Normal) -> Array:
         """The states (len(rows), nx) of ``rows`` with noise from ``normal``, clipped to the operating box."""
@@ -121,6 +156,10 @@ class Episodes:
     def dt(self) -> float:
         """Length of a control step, s."""
         return self.options.dt
+
+    def reserved(self) -> AbstractContextManager[None]:
+        """The context in which only this thread can step and reset; another one gets a ``RuntimeError``."""
+        return self._plant.alone()
 
     @property
     def state(self) -> Array:
