@@ -15,7 +15,7 @@ from typing import Any, Self
 from moe_policy.experiments.cluster_models import ClusterModel
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, present
 from moe_policy.experiments.seeds import Range
-from moe_policy.experiments.tables import Column, duration
+from moe_policy.experiments.tables import Column
 from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.support.provenance import Provenance
 
@@ -110,5 +110,4 @@ CLUSTER_COLUMNS: tuple[Column[ClusterRow], ...] = (
     Column("gate accuracy", lambda row: row.gate_accuracy, _spread(".3f")),
     Column("weights", lambda row: row.models[0].parameters_total, ","),
     Column("… active", lambda row: row.models[0].parameters_active, ","),
-    Column("training", lambda row: row.training_seconds.median, duration),
 )

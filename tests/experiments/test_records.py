@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from moe_policy.experiments.budgets import Budgets
+from moe_policy.experiments.cluster_choice import ClusterChoice
 from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.discretisation import Discretisation
@@ -32,6 +33,7 @@ RESULTS = Path(__file__).resolve().parents[2] / "results"
 FILES = sorted(path.name for path in RESULTS.glob("*.json"))
 #: What each file in ``results/`` is, by the pattern of its name; a file has exactly one.
 TYPES: dict[str, type[Record]] = {
+    "clusters_*": ClusterChoice,
     "data_quality_*": Quality,
     "generation_*": Generation,
     "interruptions_*": Interruptions,
