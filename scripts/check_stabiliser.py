@@ -1,6 +1,6 @@
 """The regulator at the goal without a plan, inside the operating box and without it.
 
-An episode that leaves the operating box fails. Here the same plant is regulated from the same initial conditions once in
+An episode that leaves the operating box fails. Here the plant is regulated from the same initial conditions once in
 the declared box and once in a box of ten times its width, which tells failures of the regulator from those of the box.
 Costs are relative to the tracked optimum. Writes ``stabiliser_<env>.json``.
 

@@ -189,7 +189,7 @@ def track_optimum(
     ``reference`` (B,) are the best known costs. Guesses come from ``methods``, ``workers`` processes solve, and solved
     batches are kept in the folder ``keep``, as in :func:`~moe_policy.experiments.methods.solve_all`.
     """
-    trajectories, costs = solve_all(problem, parameters, methods, keep, workers)
+    trajectories, costs = solve_all(problem, parameters, methods, keep, workers, reference)
     method = Method("optimal", StoredPlans(parameters, trajectories))
     row, episodes = run(problem, method, parameters, batches=())
     baseline = replace(episodes, cost=episodes.cost * np.minimum(1.0, reference / costs))

@@ -32,6 +32,7 @@ from moe_policy.planners.symmetric import Symmetrised
 from moe_policy.protocols import Planner, Policy
 from moe_policy.rl.actor import LearnedPolicy
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.archives import DamagedFileError, read_arrays, write_arrays
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.progress import track
@@ -39,6 +40,8 @@ from ocp_envs.trajectory import Trajectory
 
 #: Instances that one thread solves and keeps at a time.
 SHARE = 250
+#: Relative excess over the reference cost up to which a solution counts as the best known one.
+SAME = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,10 +122,14 @@ def stabiliser(problem: OptimalControlProblem) -> list[Method]:
 
 
 def optimal_planner(
-    problem: OptimalControlProblem, nearest: NearestPlanner | None = None, guessers: Sequence[Planner] = ()
+    problem: OptimalControlProblem,
+    nearest: NearestPlanner | None = None,
+    guessers: Sequence[Planner] = (),
+    solver: BatchSolver | None = None,
 ) -> SolverPlanner:
     """The solver as a planner, warm-started from ``nearest``, by default the shipped one if any, and ``guessers``."""
-    return SolverPlanner(problem, store.shipped_nearest(problem) if nearest is None else nearest, guessers=guessers)
+    nearest = store.shipped_nearest(problem) if nearest is None else nearest
+    return SolverPlanner(problem, nearest, guessers=guessers, solver=solver)
 
 
 def one_solve(problem: OptimalControlProblem, methods: Sequence[Method], solver: BatchSolver) -> list[Method]:
@@ -146,31 +153,40 @@ def solve_all(
     methods: Sequence[Method] | None = None,
     keep: Path | None = None,
     workers: int | None = None,
+    reference: Array | None = None,
 ) -> tuple[Trajectory, Array]:
     """Best known trajectories from ``p`` (B, np) and their costs (B,), with ``workers`` solver processes, one per core.
 
-    Each is the best of the solutions from stored neighbours and from the plan of every expert, of the nearest neighbour
-    and the first mixture among ``methods``, by default the shipped ones. Solved batches are kept in the folder
-    ``keep``, so that an interrupted run continues; a batch counts for its problem, parameters and guesses alone.
+    Each is the best of the solutions from stored neighbours, those of the nearest neighbour among ``methods``, by
+    default the shipped ones. Where it costs more than the ``reference`` (B,), if given, the instance is solved from the
+    plan of every expert of the first mixture, too. Solved batches are kept in the folder ``keep``, so that an
+    interrupted run continues; a batch counts for its problem, parameters and guesses alone.
     """
-    local = threading.local()
     methods = shipped(problem) if methods is None else methods
     nearest = next((method.actor for method in methods if isinstance(method.actor, NearestPlanner)), None)
-    experts = experts_of(methods)
+    known, experts = np.full(len(p), np.inf) if reference is None else reference, experts_of(methods)
+    local = threading.local()
+
+    def best(share: Array, guessers: tuple[Planner, ...]) -> tuple[Array, Array]:
+        if not hasattr(local, "solver"):
+            local.solver = GuardedSolver(problem)
+        trajectory, costs = optimal_planner(problem, nearest, guessers, local.solver).best(share)
+        return trajectory.flat(), costs
 
     def solve(begin: int) -> tuple[Trajectory, Array]:
-        share = p[begin : begin + SHARE]
+        share, aim = p[begin : begin + SHARE], known[begin : begin + SHARE] * (1 + SAME)
         path = None if keep is None else keep / f"{_key(problem, share, nearest, experts)}.npz"
         nothing = np.full((len(share), problem.flat_size), np.nan), np.full(len(share), np.inf)
         flat, costs = (None if path is None else _read(path, nothing[0].shape)) or nothing
+        before = costs.copy()
         # An instance that is not solved may have exceeded the time limit on a busy machine.
         if (lost := ~np.isfinite(costs)).any():
-            if not hasattr(local, "planner"):
-                local.planner = optimal_planner(problem, nearest, experts)
-            found, costs[lost] = local.planner.best(share[lost])
-            flat[lost] = found.flat()
-            if path is not None:
-                write_arrays(path, {"flat": flat, "costs": costs})
+            flat[lost], costs[lost] = best(share[lost], ())
+        if experts and (worse := costs > aim).any():
+            found, cheaper = best(share[worse], experts)
+            flat[worse], costs[worse] = found, cheaper
+        if path is not None and not np.array_equal(before, costs):
+            write_arrays(path, {"flat": flat, "costs": costs})
         return problem.unflatten(flat), costs
 
     with ThreadPoolExecutor(workers or os.cpu_count()) as pool:

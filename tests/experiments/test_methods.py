@@ -44,7 +44,7 @@ def counted(monkeypatch):
             calls.append(len(p))
             return moe_policy.load(PENDULUM.id, "nearest")(p), p[:, 0] + 1
 
-    monkeypatch.setattr(methods, "optimal_planner", lambda problem, nearest, guessers: Solver())
+    monkeypatch.setattr(methods, "optimal_planner", lambda problem, nearest, guessers, solver: Solver())
     return calls
 
 
@@ -59,6 +59,25 @@ def test_kept_optima_are_not_solved_again(counted, monkeypatch, tmp_path):
     np.testing.assert_array_equal(same, costs)
     methods.solve_all(PENDULUM, p + 1e-9, keep=tmp_path)  # other parameters
     assert len(counted) == 6
+
+
+def test_what_costs_more_than_the_reference_is_solved_from_the_experts_too(monkeypatch, tmp_path):
+    calls = []
+
+    class Solver:
+        def __init__(self, guessers):
+            self.cost = 1.0 if guessers else 2.0
+
+        def best(self, p):
+            calls.append((self.cost, len(p)))
+            return moe_policy.load(PENDULUM.id, "nearest")(p), np.full(len(p), self.cost)
+
+    monkeypatch.setattr(methods, "optimal_planner", lambda problem, nearest, guessers, solver: Solver(guessers))
+    p, reference = ocp_envs.sample(PENDULUM, 0, 3), np.array([2.0, 1.0, 1.9999])
+    for _ in range(2):  # what is kept is not solved again
+        _, costs = methods.solve_all(PENDULUM, p, keep=tmp_path, reference=reference)
+        np.testing.assert_array_equal(costs, [2.0, 1.0, 2.0])
+    assert calls == [(2.0, 3), (1.0, 1)]
 
 
 def test_damaged_files_are_solved_again(counted, tmp_path):
