@@ -50,9 +50,11 @@ from moe_policy.rl.training import train as train
 from moe_policy.rollouts.environments import environments as environments
 from moe_policy.rollouts.episodes import Episodes as Episodes
 from moe_policy.rollouts.intervals import Estimate as Estimate
+from moe_policy.rollouts.intervals import Mean as Mean
 from moe_policy.rollouts.intervals import Proportion as Proportion
 from moe_policy.rollouts.metrics import CostRatio as CostRatio
 from moe_policy.rollouts.metrics import Metrics as Metrics
+from moe_policy.rollouts.metrics import Violation as Violation
 from moe_policy.rollouts.metrics import cost_ratio as cost_ratio
 from moe_policy.rollouts.metrics import evaluate as evaluate
 from moe_policy.rollouts.rollout import rollout as rollout
