@@ -14,6 +14,7 @@ from moe_policy.planners.solver import SolverPlanner
 from moe_policy.protocols import Policy
 from moe_policy.store import ALWAYS
 from ocp_envs.envs.simulation import Simulator
+from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.sets import reference
@@ -38,8 +39,9 @@ def name_of(value):
 
 
 def corners_and_more(problem, count=40):
-    """Parameters inside the box, its lower and its upper corner among them."""
-    return np.concatenate([sample(problem, 77, count), [problem.parameters.lower, problem.parameters.upper]])
+    """Parameters inside the box, its lower and its upper corner among them, unless no episode can begin there."""
+    p = np.concatenate([sample(problem, 77, count), [problem.parameters.lower, problem.parameters.upper]])
+    return np.delete(p, list(infeasible_rows(problem, p, goal=False)), axis=0)
 
 
 # -- symmetries --------------------------------------------------------------------------------------------------------
