@@ -177,7 +177,7 @@ class SolverPlanner:
     def _random_guesses(self, p: Array, kinds: Sequence[GuessKind]) -> Iterator[_Attempts]:
         for row in range(len(p)) if kinds else ():
             # In single precision: an angle that was written in another turn differs by rounding errors.
-            rng = np.random.default_rng((self.seed, *p[row].astype(np.float32).view(np.uint32).tolist()))
+            rng = np.random.default_rng((self.seed, *_whole(p[row] / self.problem.parameters.width)))
             for kind, group in itertools.groupby(kinds):
                 winding = np.repeat(np.arange(len(self.problem.targets)), len(list(group)))
                 repeated = np.repeat(p[row : row + 1], len(winding), axis=0)
@@ -216,3 +216,8 @@ def _nearest(problem: OptimalControlProblem, database: Samples | SampleSource) -
 def _check_owner(problem: OptimalControlProblem, owner: object, what: str) -> None:
     if isinstance(owner, OptimalControlProblem) and owner.id != problem.id:
         raise ValueError(f"{what} belongs to {owner.id}, not to {problem.id}")
+
+
+def _whole(fractions: Array) -> list[int]:
+    """``fractions`` (n,) of the parameter box in units of 1e-9, which rounding in another turn does not change."""
+    return (np.round(fractions * 1e9).astype(np.int64).view(np.uint64)).tolist()

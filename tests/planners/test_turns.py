@@ -97,7 +97,10 @@ def test_every_kind_of_planner_plans_the_same_in_every_turn(kind, instance):
 @pytest.mark.parametrize("planner", [WithMargin(LONG, absolute, "length", 0.1), Symmetrised(LONG, absolute)])
 @given(instance=instances(LONG))
 def test_planners_of_planners_plan_the_same_in_every_turn(planner, instance):
-    check(planner, LONG, *instance)
+    """Except where an instance is its own mirror image: two families are equally good there."""
+    p, turns = instance
+    others = np.abs(LONG.system.difference(LONG.start(p)[0], -LONG.start(p)[0])).max(axis=1) > 1e-3
+    check(planner, LONG, p[others], turns[others])
 
 
 @given(instance=instances(LONG))
