@@ -359,7 +359,7 @@ def test_the_script_reports_what_is_there(script, tmp_path, capsys):
 
 def test_the_script_says_what_is_missing(script, tmp_path):
     arguments = ("--data", tmp_path, "--results", tmp_path / "results")
-    with pytest.raises(SystemExit, match="there is no database .*generate_data.py"):
+    with pytest.raises(SystemExit, match=r"there is no database .*generate_data\.py"):
         script(*arguments)
     with pytest.raises(ValueError, match="no database at"):
         script(*arguments, "--splits", "training")
