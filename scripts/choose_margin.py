@@ -11,12 +11,12 @@ chosen from them.
 import moe_policy
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.comparison import COLUMNS, MarginRow, Margins, run
+from moe_policy.experiments.comparison import COLUMNS, MarginRow, Margins, run, track_optimum
 from moe_policy.experiments.figures.comparison import margins_figure
-from moe_policy.experiments.methods import Method
+from moe_policy.experiments.methods import Method, shipped
 from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.margin import WithMargin
-from moe_policy.planners.stored import StoredPlans
+from ocp_envs.sets import reference
 from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance
 
@@ -35,23 +35,23 @@ def main() -> None:
     problem, parameter = arguments.problem, arguments.parameter
     if parameter not in problem.parameters.names:
         parser.error(f"argument --parameter: got {parameter!r}; {problem.id} has {', '.join(problem.parameters.names)}")
-    samples = cli.database(arguments, "development").samples()
-    cli.at_most(arguments.cases, len(samples), "solved development instances")
-    samples = samples[: arguments.cases]
-    optimal = Method("optimal", StoredPlans(samples.parameters, samples.trajectory))
-    row, baseline = run(problem, optimal, samples.parameters, batches=())
-    rows = [MarginRow(margin=None, row=row)]
+    known = reference.load(problem, "development")
+    cli.at_most(arguments.cases, len(known), "development instances")
+    cases = known[: arguments.cases]
+    keep = arguments.data / "optimal" / problem.id
+    optimum = track_optimum(problem, cases.parameters, cases.cost, shipped(problem), keep)
+    rows = [MarginRow(margin=None, row=optimum.row)]
     planners = [moe_policy.load_planner(problem, name) for name in benchmark_of(problem).planners.compared]
     runs = [(planner, margin) for planner in planners for margin in MARGINS]
     for planner, margin in track(runs, len(runs), unit="run", label="margins"):
         method = Method(planner.name, WithMargin(problem, planner, parameter, margin))
-        row, _ = run(problem, method, samples.parameters, baseline=baseline, batches=())
+        row, _ = run(problem, method, cases.parameters, baseline=optimum.baseline, batches=())
         rows.append(MarginRow(margin=margin, row=row))
     record = Margins(
         env_id=problem.id,
         split="development",
         parameter=parameter,
-        cases=len(samples),
+        cases=len(cases),
         rows=tuple(rows),
         provenance=provenance(),
     )
