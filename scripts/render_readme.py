@@ -53,6 +53,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("clusters", None): table(ClusterChoice, lambda record: record.rows, CLUSTER_COLUMNS),
     ("discretisation", None): table(Discretisation, lambda record: record.rows, DISCRETISATION_COLUMNS),
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
+    ("stabiliser", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("budgets", None): table(Budgets, lambda record: record.relative().rows, BUDGET_COLUMNS),
     ("benchmark_planning", "planning"): table(Latency, planning_rows, PLANNING_COLUMNS),
     ("benchmark_planning", "solver"): table(Latency, lambda record: record.solver, SOLVER_COLUMNS),

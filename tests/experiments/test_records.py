@@ -57,6 +57,7 @@ TYPES: dict[str, type[Record]] = {
     "compare_training_*": TrainingComparison,
     "margin_*": Margins,
     "sensitivity_*": Sensitivity,
+    "stabiliser_*": Sensitivity,
     "table_overview.json": OverviewTable,
     "table_summary.json": SummaryTable,
     "table_training.json": TrainingTable,
