@@ -31,10 +31,8 @@ each_problem = pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
 
 
 def at_goal(problem):
-    """Options of a reset to the goal state in a context that lies in its box."""
-    box = problem.context
-    context = (box.lower + box.upper) / 2
-    p = problem.parameters_of(problem.goal.state[None], context[None])[0]
+    """Options of a reset to the goal state in a context at a corner of its box, clear of any obstacle."""
+    p = problem.parameters_of(problem.goal.state[None], problem.context.lower[None])[0]
     return {"parameters": p, "extrapolate": True}
 
 
@@ -287,7 +285,9 @@ def test_every_info_has_the_same_keys(problem):
 def test_info_of_a_reset_tells_of_the_initial_state():
     blocked = dataclasses.replace(PENDULUM, id="Blocked-v0", clearance=lambda x, s, c: [x[0] - 1.0])
     env = Env(blocked)
-    info = env.reset(options={"parameters": [0.25, 0.0]})[1]
-    assert (info["violation"], info["is_success"], info["cost"], info["left_box"]) == (0.75, False, 0.0, False)
+    with pytest.raises(ValueError, match=r"begin where no episode can: clearance 0 is -0\.75"):
+        env.reset(options={"parameters": [0.25, 0.0]})
+    info = env.reset(options={"parameters": [1.5, 0.0]})[1]
+    assert (info["violation"], info["is_success"], info["cost"], info["left_box"]) == (0.0, False, 0.0, False)
     info = env.reset(options={"parameters": [np.pi, 0.0]})[1]
     assert (info["violation"], info["is_success"]) == (0.0, True)

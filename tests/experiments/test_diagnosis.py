@@ -18,6 +18,7 @@ import pytest
 import torch
 
 import moe_policy.experiments.diagnosis
+import ocp_envs
 from moe_policy.experiments.diagnosis import explain
 from moe_policy.experiments.failures import Cause, EvaluatedAt, counts
 from moe_policy.planners.network import NetworkPlanner
@@ -278,7 +279,7 @@ def run(monkeypatch, tmp_path):
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[2] / "scripts"))
     monkeypatch.delitem(sys.modules, "explain_failures", raising=False)
     module = importlib.import_module("explain_failures")
-    monkeypatch.setattr(module.ocp_envs, "load", lambda name: {PROBLEM.id: PROBLEM}.get(name) or problems.load(name))
+    monkeypatch.setattr(ocp_envs, "load", lambda name: {PROBLEM.id: PROBLEM}.get(name) or problems.load(name))
     (tmp_path / "data" / PROBLEM.id).mkdir(parents=True)
     for name, held in (("training", TRAINING), ("validation", CASES)):
         store(tmp_path / "data" / PROBLEM.id / f"{name}.zarr", held)

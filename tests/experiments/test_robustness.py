@@ -147,7 +147,7 @@ def script(monkeypatch, stabiliser):
     changed = dataclasses.replace(benchmark_of(PENDULUM), perturbations=perturbations)
     monkeypatch.setattr(module, "benchmark_of", lambda problem: changed)
     monkeypatch.setattr(module, "methods", lambda problem: stabiliser)
-    monkeypatch.setattr(module, "solve_all", lambda problem, p, keep: (nearest(p), np.ones(len(p))))
+    monkeypatch.setattr(module, "solve_all", lambda problem, p, keep, workers=None: (nearest(p), np.ones(len(p))))
     return module
 
 

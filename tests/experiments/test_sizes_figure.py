@@ -28,8 +28,8 @@ def panels(figure):
 
 def test_failures_fall_with_the_number_of_instances(drawn):
     found = panels(drawn(figures.sizes_figure, rows_of(90, (40, 50)), cases=100))
-    assert set(found) == {"after the hold", "at the plan's end"}
-    assert found["after the hold"] == [(name, [20, 40, 80], [9.5] * 3) for name in ("snn", "moe-custom")]
+    assert set(found) == {"after terminal regulation", "at the plan's end"}
+    assert found["after terminal regulation"] == [(name, [20, 40, 80], [9.5] * 3) for name in ("snn", "moe-custom")]
     assert found["at the plan's end"][0] == ("snn", [20, 40, 80], [55.0] * 3)
 
 

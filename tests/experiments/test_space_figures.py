@@ -330,7 +330,7 @@ def test_a_picture_in_space_is_needed(tmp_path):
 def test_samples_that_do_not_fit_are_refused(tmp_path):
     samples = samples_of(QUADCOPTER_OBSTACLE, 16)
     labels, path, p = cluster(samples, "custom"), tmp_path / "no.png", samples.parameters[0]
-    with pytest.raises(ValueError, match=r"k must lie in 1 … 16.*got 40"):
+    with pytest.raises(ValueError, match=r"k: expected a whole number in 1 … 16, got 40"):
         space.around_figure(path, samples, labels, p)
     with pytest.raises(ValueError, match=r"one parameter \(7,\), got \(2, 7\)"):
         space.around_figure(path, samples, labels, samples.parameters[:2])

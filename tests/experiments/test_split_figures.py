@@ -44,7 +44,7 @@ def test_the_pendulum_has_curves_and_marks_for_both_judgements(drawn):
     np.testing.assert_allclose(after.lines[0].get_ydata(), [0, 100])
     assert after.get_xscale() == "log"
     assert "second best" in after.get_xlabel()
-    assert "after the hold" in on_after.get_xlabel()
+    assert "after terminal regulation" in on_after.get_xlabel()
     assert [text.get_text() for text in on_end.get_yticklabels()] == ["snn", "sac"]
     assert [text.get_text() for text in on_end.get_legend().get_texts()] == ["uniform", "boundary", "outside"]
     # An interval and a mark for each policy and split; three more marks are for the legend.
@@ -76,7 +76,7 @@ def test_without_a_jump_there_are_no_curves(drawn):
 
 def test_round_an_obstacle_violations_start_at_zero(drawn):
     figure = drawn(figures.splits_figure, QUADCOPTER_OBSTACLE, record_of(QUADCOPTER_OBSTACLE))
-    on_path = figure.axes[2]
+    on_path = figure.axes[4]
     np.testing.assert_allclose(on_path.lines[0].get_ydata(), [0.2, 0.0])
     assert on_path.get_ylim()[0] == 0
     assert "radii" in on_path.get_xlabel()

@@ -82,7 +82,7 @@ def test_a_period_must_be_a_multiple_of_the_control_period():
         random_policy(dt=0.03)
     with pytest.raises(ValueError, match="no multiple"):
         random_policy().at(0.2)
-    with pytest.raises(ValueError, match="no multiple"):
+    with pytest.raises(ValueError, match="dt must be a positive number"):
         random_policy(dt=0.0)
 
 

@@ -84,6 +84,7 @@ def test_compare_splits(made, monkeypatch, tmp_path, capsys):
     assert {name: split["cases"] for name, split in record["splits"].items()} == {
         "uniform": 30,
         "boundary": 3,
+        "near": 3,
         "outside": 3,
     }
     rows = {row["name"]: row for row in record["rows"]}
@@ -102,7 +103,8 @@ def test_compare_splits(made, monkeypatch, tmp_path, capsys):
         name for name in rows if name.startswith("moe-")
     }
     shown = capsys.readouterr().out
-    assert "boundary: success" in shown
+    assert "boundary" in shown
+    assert "success at the plan's end" in shown
 
 
 def test_a_split_that_a_problem_has_not_is_refused(monkeypatch, tmp_path, capsys):

@@ -82,7 +82,7 @@ def sizes_figure(path: str | Path, rows: Sequence[TrainingRow], cases: int) -> P
     constrained = any(present(row.violation_spread) for row in rows)
     shown = dict(_AT_KNOTS if constrained else _SUCCESS)
     if not constrained and all(row.success == row.success_at_plan_end for row in rows):
-        del shown["after the hold"]  # the goal cannot be regulated
+        del shown["after terminal regulation"]  # the goal cannot be regulated
 
     def draw(figure: Figure) -> None:
         panels: Panels = figure.subplots(1, len(shown), sharex=True, sharey=True, squeeze=False)[0]
