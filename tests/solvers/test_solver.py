@@ -294,17 +294,6 @@ def test_an_infeasible_instance_is_told_by_what_the_best_attempt_violates(unguar
     )
 
 
-def test_a_derivative_that_is_not_finite_is_named(unguarded):
-    def distance(x, u, s, c):
-        return ((x[0] - 1) ** 2 + x[1] ** 2) ** 0.5 + 0.1 * u[0] ** 2 + 0.1
-
-    problem = dataclasses.replace(DOUBLE_INTEGRATOR, id="Distance-v0", cost_rate=distance)
-    solution = solve(problem, [1.0, 0.0], starts=1)
-    assert solution.status == Status.NOT_FINITE
-    assert solution.reason.startswith("the gradient of the cost rate is not finite at knot 0, state [1, 0]")
-    assert solve(DOUBLE_INTEGRATOR, [1.0, 0.0], starts=1).reason == ""
-
-
 def test_solve_searches_near_its_first_solution(unguarded):
     """From bends of a line, fatrop hangs on this problem in one of six cases."""
     p = [8.0, 2.0, 1.0, 4.0, 1.2, 0.3, 2.0]
