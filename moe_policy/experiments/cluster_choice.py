@@ -8,14 +8,14 @@ largest median: more clusters cost more weights and an expert learns from fewer 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from moe_policy.experiments.cluster_models import ClusterModel
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, present
 from moe_policy.experiments.seeds import Range
-from moe_policy.experiments.tables import Column
+from moe_policy.experiments.tables import Column, with_range
 from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.support.provenance import Provenance
 
@@ -94,20 +94,15 @@ def noted(rows: Sequence[ClusterRow], chosen: int, used: int) -> tuple[ClusterRo
     return tuple(replace(row, note=note(row.k)) for row in sorted(rows, key=lambda row: row.k))
 
 
-def _spread(form: str) -> Callable[[Range], str]:
-    """A range as text, for instance ``998 (997–999)``, with numbers in the format ``form``."""
-    return lambda found: f"{found.median:{form}} ({found.minimum:{form}}–{found.maximum:{form}})"
-
-
 CLUSTER_COLUMNS: tuple[Column[ClusterRow], ...] = (
     Column("k", lambda row: row.k),
     Column("", lambda row: row.note),
-    Column("clear within 5 cm (seeds)", lambda row: row.clear_5_cm, _spread(".0f")),
-    Column("… 1 cm", lambda row: row.clear_1_cm, _spread(".0f")),
-    Column("at the plan's end (seeds)", lambda row: row.at_plan_end, _spread(".0f")),
-    Column("success", lambda row: row.success, _spread(".0f")),
-    Column("cost / optimal", lambda row: row.relative_cost, _spread(".4f")),
-    Column("gate accuracy", lambda row: row.gate_accuracy, _spread(".3f")),
+    Column("clear within 5 cm (seeds)", lambda row: row.clear_5_cm, with_range(".0f")),
+    Column("… 1 cm", lambda row: row.clear_1_cm, with_range(".0f")),
+    Column("at the plan's end (seeds)", lambda row: row.at_plan_end, with_range(".0f")),
+    Column("success", lambda row: row.success, with_range(".0f")),
+    Column("cost / optimal", lambda row: row.relative_cost, with_range(".4f")),
+    Column("gate accuracy", lambda row: row.gate_accuracy, with_range(".3f")),
     Column("weights", lambda row: row.models[0].parameters_total, ","),
     Column("… active", lambda row: row.models[0].parameters_active, ","),
 )

@@ -20,8 +20,7 @@ from moe_policy.experiments.benchmark.parts import Clusters
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import ABSENT, Absent, Record, read, write
 from moe_policy.experiments.seeds import Training
-from moe_policy.experiments.trainings import Folders, Run
-from moe_policy.learning import recipes
+from moe_policy.experiments.trainings import Folders, Run, train
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.rollouts.episodes import Episodes
@@ -78,21 +77,13 @@ def tracked_optima(problem: OptimalControlProblem, samples: Samples) -> Episodes
     return comparison.run(problem, method, samples.parameters, batches=())[1]
 
 
-def train(env_id: str, run: Run, folders: Folders, unfinished: str) -> NetworkPlanner:
-    """The mixture of ``run``; the state of the training is kept as ``unfinished``."""
-    torch.set_num_threads(1)
-    database = ocp_envs.Database.open(folders.data / "training.zarr", ocp_envs.load(env_id))
-    samples, checkpoints = database.samples(database.first(run.samples)), folders.work / "unfinished" / unfinished
-    made = recipes.make(run.name, samples, settings=run.settings, seed=run.seed, checkpoints=checkpoints)
-    assert isinstance(made, NetworkPlanner)
-    shutil.rmtree(checkpoints)
-    return made
-
-
 def execute(env_id: str, k: int, run: Run, key: str, folders: Folders, optimal: Episodes) -> None:
     """Train the mixture of ``run`` with ``k`` clusters, compare it with ``optimal`` and keep its record as ``key``."""
-    model = ClusterModel.of(train(env_id, run, folders, key), k, optimal)
-    write(folders.record(ocp_envs.load(env_id), key), model)
+    torch.set_num_threads(1)
+    problem, unfinished = ocp_envs.load(env_id), folders.work / "unfinished" / key
+    model = ClusterModel.of(train(problem, run, folders, unfinished), k, optimal)
+    shutil.rmtree(unfinished)
+    write(folders.record(problem, key), model)
 
 
 def execute_all(
@@ -117,7 +108,7 @@ def execute_all(
     keys: dict[tuple[int, Run], str] = {}
     for seed in range(seeds):
         for k in clusters.numbers:
-            run = Run(f"moe-kmeans-{k}", seed, clusters.instances, clusters.settings)
+            run = Run(f"moe-kmeans-{k}", seed, clusters.instances, clusters.settings, first=clusters.instances)
             keys[k, run] = f"{run.key(data)}-{len(development)}"
     paths = {of: folders.record(problem, key) for of, key in keys.items()}
     missing = [of for of, path in paths.items() if not path.exists()]

@@ -17,8 +17,7 @@ from moe_policy.experiments.metric_columns import COST, METRICS
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline
 from moe_policy.experiments.seeds import Range, TrainingRow
 from moe_policy.experiments.splits import SeedsRow
-from moe_policy.experiments.tables import Column
-from moe_policy.rollouts.intervals import Spread
+from moe_policy.experiments.tables import Column, with_range
 from moe_policy.rollouts.metrics import TOLERANCES, Metrics
 from ocp_envs.support.provenance import Provenance
 
@@ -122,7 +121,7 @@ def overview_rows(sources: Sources, overview: Overview) -> list[OverviewRow]:
 def _over_seeds(measure: _Measure, rows: Mapping[str, TrainingRow | None]) -> dict[str, str]:
     """The cells of networks with at least two seeds."""
     spreads = {title: measure.over_seeds(row) for title, row in rows.items() if row and len(row.seeds) > 1}
-    return {title: _range(spread, measure.form) for title, spread in spreads.items() if spread is not ABSENT}
+    return {title: with_range(measure.form)(spread) for title, spread in spreads.items() if spread is not ABSENT}
 
 
 def _equal_training(sources: Sources, names: Mapping[str, str | None]) -> dict[str, dict[str, str | None]]:
@@ -135,7 +134,7 @@ def _equal_training(sources: Sources, names: Mapping[str, str | None]) -> dict[s
         cells = {}
         for title, row in rows.items():
             if (spread := row.splits["uniform"].get(metric.key)) is not None:
-                cells[title] = _range(spread, metric.form)
+                cells[title] = with_range(metric.form)(spread)
         if cells and metric.key in EQUALLY_TRAINED:
             one = next(iter(rows.values()))
             title = f"equal training ({one.samples:,} instances, {one.epochs} epochs): {EQUALLY_TRAINED[metric.key]}"
@@ -147,7 +146,7 @@ def _learner(sources: Sources, overview: Overview) -> dict[str, str]:
     """The cell of the learner's successes, where it was trained with several seeds."""
     counts = [one.validation.success.count for one in sources.learners.get(overview.learner or "", ())]
     spread = Range.of(counts) if len(counts) > 1 else ABSENT
-    return {} if spread is ABSENT else {RL: _range(spread, ".0f")}
+    return {} if spread is ABSENT else {RL: with_range(".0f")(spread)}
 
 
 def _measures(metrics: Sequence[Metrics], cases: int) -> list[_Measure]:
@@ -184,8 +183,3 @@ def _at_plan_end(metrics: Metrics) -> str | None:
 
 def _violation(metrics: Metrics) -> str | None:
     return None if metrics.violation is None else f"{metrics.violation.mean.mean:.3f}"
-
-
-def _range(spread: Range | Spread, form: str) -> str:
-    middle, low, high = (format(value, form) for value in (spread.median, spread.minimum, spread.maximum))
-    return f"{middle} ({low}–{high})"

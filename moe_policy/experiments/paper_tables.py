@@ -16,7 +16,7 @@ import numpy as np
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.records import Absent, Record, inline, present
 from moe_policy.experiments.seeds import Range, TrainingRow
-from moe_policy.experiments.tables import DASH, Column
+from moe_policy.experiments.tables import DASH, Column, with_range
 from moe_policy.learning.architectures import architecture_of, layer_sizes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.splits import sets_of
@@ -34,10 +34,6 @@ class TrainingTable(Record):
     provenance: Provenance  # of the record
 
 
-def _median(spread: Range) -> str:
-    return f"{spread.median:.0f} ({spread.minimum}–{spread.maximum})"
-
-
 def _error(value: float) -> str:
     """Three decimals; two digits of a value that would be 0.000."""
     return f"{value:.3f}" if value >= 1e-3 else f"{value:.2g}"
@@ -51,10 +47,10 @@ def _of_median(form: Callable[[float], str]) -> Callable[[Range], str]:
 TRAINING_COLUMNS: tuple[Column[TrainingRow], ...] = (
     Column("model", lambda row: row.name),
     Column("training problems", lambda row: row.samples, ","),
-    Column("at the goal, within 1 cm", lambda row: row.clear("0.01"), _median),
-    Column("… within 5 cm", lambda row: row.clear("0.05"), _median),
-    Column("success at the plan's end, median (range)", lambda row: row.success_at_plan_end_spread, _median),
-    Column("… after terminal regulation", lambda row: row.success_spread, _median),
+    Column("at the goal, within 1 cm", lambda row: row.clear("0.01"), with_range(".0f")),
+    Column("… within 5 cm", lambda row: row.clear("0.05"), with_range(".0f")),
+    Column("success at the plan's end, median (range)", lambda row: row.success_at_plan_end_spread, with_range(".0f")),
+    Column("… after terminal regulation", lambda row: row.success_spread, with_range(".0f")),
     Column("paper", lambda row: row.paper.success, "d"),
     Column("mean violation on the whole path, m", lambda row: row.violation_spread, _of_median("{:.3f}".format)),
     Column("… at the knots", lambda row: row.knot_violation_spread, _of_median("{:.3f}".format)),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from moe_policy.experiments.metric_columns import METRICS, Metric
 from moe_policy.experiments.records import present
 from moe_policy.experiments.splits import SplitComparison
-from moe_policy.experiments.tables import Column
+from moe_policy.experiments.tables import Column, with_range
 from moe_policy.rollouts.intervals import Spread
 from moe_policy.rollouts.metrics import Metrics
 
@@ -43,9 +43,7 @@ def _column(metric: Metric) -> Column[Line]:
     def text(line: Line) -> str:
         if line.metrics is not None:
             return metric.column.cell(line.metrics)
-        spread = line.spreads[metric.key]
-        middle, low, high = (format(value, metric.form) for value in (spread.median, spread.minimum, spread.maximum))
-        return f"{middle} ({low}–{high})"
+        return with_range(metric.form)(line.spreads[metric.key])
 
     return Column(metric.column.title, of, text)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -43,6 +43,22 @@ def proportion(value: Proportion) -> str:
     """For instance ``998 (99.3–99.9 %)``: the count and its interval."""
     low, high = value.interval
     return f"{value.count} ({100 * low:.1f}–{100 * high:.1f} %)"
+
+
+class Spreading(Protocol):
+    """A median with the range around it, as over training seeds."""
+
+    @property
+    def median(self) -> float: ...
+    @property
+    def minimum(self) -> float: ...
+    @property
+    def maximum(self) -> float: ...
+
+
+def with_range(form: str) -> Callable[[Spreading], str]:
+    """What writes a spread, each value in ``form``: for instance ``471 (400–478)``, the median and its range."""
+    return lambda found: f"{found.median:{form}} ({found.minimum:{form}}–{found.maximum:{form}})"
 
 
 def duration(seconds: float) -> str:

@@ -359,9 +359,10 @@ def test_the_script_reports_what_is_there(script, tmp_path, capsys):
 
 def test_the_script_says_what_is_missing(script, tmp_path):
     arguments = ("--data", tmp_path, "--results", tmp_path / "results")
-    with pytest.raises(SystemExit, match=r"there is no database .*generate_data\.py"):
-        script(*arguments)
-    with pytest.raises(SystemExit):
+    for splits in ((), ("--splits", "training")):
+        with pytest.raises(SystemExit, match=r"there is no database .*generate_data\.py"):
+            script(*arguments, *splits)
+    with pytest.raises(SystemExit, match="did you mean 'training'"):
         script(*arguments, "--splits", "trainings")
     with pytest.raises(SystemExit):
         script(*arguments, "--accuracy-cases", "0")

@@ -15,6 +15,7 @@ from ocp_envs.solvers import solver
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses
 from ocp_envs.solvers.nlp import SolverSettings, Status
+from ocp_envs.solvers.reasons import not_finite
 from ocp_envs.solvers.solver import solve
 from ocp_envs.support.sharing import Loans
 from ocp_envs.trajectory import Trajectory
@@ -292,6 +293,18 @@ def test_an_infeasible_instance_is_told_by_what_the_best_attempt_violates(unguar
         r"the best attempt violates the dynamics of (theta|omega) most, at knot \d+ by 0\.\d+ of its scale",
         solution.reason,
     )
+
+
+def test_a_derivative_that_is_not_finite_is_named():
+    def distance(x, u, s, c):
+        return ((x[0] - 1) ** 2 + x[1] ** 2) ** 0.5 + 0.1 * u[0] ** 2 + 0.1
+
+    problem, p = dataclasses.replace(DOUBLE_INTEGRATOR, id="Distance-v0", cost_rate=distance), np.array([[1.0, 0.0]])
+    guess = guesses(problem, p, np.array([0]), np.random.default_rng(0), "line")
+    assert not_finite(problem, p, guess).startswith(
+        "the gradient of the cost rate is not finite at knot 0, state [1, 0]"
+    )
+    assert not_finite(DOUBLE_INTEGRATOR, p, guess) == ""
 
 
 def test_solve_searches_near_its_first_solution(unguarded):
