@@ -27,6 +27,7 @@ from moe_policy.planners.prediction_error import standardised_error as standardi
 from moe_policy.planners.prediction_error import validation_error as validation_error
 from moe_policy.planners.record import PartReport as PartReport
 from moe_policy.planners.record import TrainingReport as TrainingReport
+from moe_policy.planners.repaired import Repaired as Repaired
 from moe_policy.planners.scaling import Standardizer as Standardizer
 from moe_policy.planners.solver import BatchSolver as BatchSolver
 from moe_policy.planners.solver import SolverPlanner as SolverPlanner

@@ -94,6 +94,7 @@ OBJECTS = {
         lambda: moe_policy.WithMargin(QUADCOPTER_OBSTACLE, moe_policy.load(QUADCOPTER_OBSTACLE, "snn"), "radius", 0.05),
         plan(QUADCOPTER_OBSTACLE),
     ),
+    "repaired": (lambda: moe_policy.Repaired(moe_policy.load(PENDULUM, "moe-custom"), 2), plan(PENDULUM)),
     "solver": (solver_planner, plan(DOUBLE_INTEGRATOR)),
     "tracking": (tracking, predict(PENDULUM)),
     "stabilised": (lambda: moe_policy.Stabilised(tracking(), PENDULUM), predict(PENDULUM)),

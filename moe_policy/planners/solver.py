@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.planners.nearest import NearestPlanner
+from moe_policy.planners.owner import check_owner
 from moe_policy.protocols import Planner
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.feasibility import infeasible_rows
@@ -197,7 +198,7 @@ def _checked_guessers(problem: OptimalControlProblem, guessers: Sequence[Planner
         if not callable(planner):
             what = type(guessers if planner is None else planner).__name__
             raise TypeError(f"expected a sequence of planners as guessers, such as (planner,); got {what}")
-        _check_owner(problem, getattr(planner, "problem", None), "a guesser")
+        check_owner(problem, getattr(planner, "problem", None), "a guesser")
     return given
 
 
@@ -209,13 +210,8 @@ def _nearest(problem: OptimalControlProblem, database: Samples | SampleSource) -
             "give a planner whose plans are guesses as guessers=(planner,)"
         )
     samples = samples_of(database)
-    _check_owner(problem, samples.problem, "the database")
+    check_owner(problem, samples.problem, "the database")
     return NearestPlanner(samples)
-
-
-def _check_owner(problem: OptimalControlProblem, owner: object, what: str) -> None:
-    if isinstance(owner, OptimalControlProblem) and owner.id != problem.id:
-        raise ValueError(f"{what} belongs to {owner.id}, not to {problem.id}")
 
 
 def _whole(fractions: Array) -> list[int]:

@@ -85,6 +85,8 @@ class Task(NamedTuple):
 
     The goal state has the index ``target``. Where the primary solver does not converge, the fallback continues if
     ``retry_with_fallback``; where it breaks down, hangs or crashes, the fallback solves the task if ``rescue``.
+    With a number of ``iterations`` the primary solver makes so many at most, in one attempt. The clearances at the
+    knots k ≥ 1 are at least the ``margin``, in their unit.
     """
 
     guess: Array
@@ -92,6 +94,8 @@ class Task(NamedTuple):
     target: int
     retry_with_fallback: bool = True
     rescue: bool = True
+    iterations: int | None = None
+    margin: float = 0.0
 
 
 class Result(NamedTuple):
@@ -131,11 +135,22 @@ class NlpSolver:
     """The two solvers of the program ``transcription``, as ``settings`` say; not to be shared between threads."""
 
     def __init__(self, transcription: Transcription, settings: SolverSettings) -> None:
-        nlp, s = transcription.nlp, settings
         self._transcription, self._settings = transcription, settings
         self._bounds = [transcription.bounds(target) for target in transcription.targets]
-        options = _options(transcription, s.primary, s.tolerance, s.max_iterations)
-        self.primary = Backend(transcription, build_solver(s.primary, nlp, options))
+        self.primary = self._primary(settings.max_iterations)
+        self._limited: dict[int, Backend] = {}
+
+    def _primary(self, iterations: int) -> Backend:
+        """The primary solver with a limit of ``iterations``."""
+        program, s = self._transcription, self._settings
+        options = _options(program, s.primary, s.tolerance, iterations)
+        return Backend(program, build_solver(s.primary, program.nlp, options))
+
+    def _limited_to(self, iterations: int) -> Backend:
+        """The primary solver with a limit of ``iterations``; kept, since setting it up takes longer than a solve."""
+        if iterations not in self._limited:
+            self._limited[iterations] = self._primary(iterations)
+        return self._limited[iterations]
 
     @cached_property
     def fallback(self) -> Backend:
@@ -152,10 +167,11 @@ class NlpSolver:
         """
         began = time.perf_counter()
         bounds = self._bounds[task.target]
-        backend, outcome, iterations = self.primary, Outcome.BROKE_DOWN, 0
+        primary = self.primary if task.iterations is None else self._limited_to(task.iterations)
+        backend, outcome, iterations = primary, Outcome.BROKE_DOWN, 0
         if not skip_primary:
             outcome, iterations = backend.run(task, *bounds)
-            if outcome is Outcome.STUCK:
+            if outcome is Outcome.STUCK and task.iterations is None:
                 longer = task._replace(guess=self._transcription.with_duration(backend.w, _SECOND_DURATION))
                 outcome, more = backend.run(longer, *bounds)
                 iterations += more
@@ -173,7 +189,7 @@ class NlpSolver:
             cost=float(backend.cost[0]),
             multipliers=self._transcription.clearance_multipliers(backend.lam_g),
             iterations=iterations,
-            fallback=backend is not self.primary,
+            fallback=backend is not primary,
             seconds=time.perf_counter() - began,
         )
 
@@ -201,7 +217,7 @@ class Backend:
         for name, array in outputs.items():
             self._buffer.set_res(solver.index_out(name), memoryview(array))  # type: ignore[arg-type]
         inputs["lbg"][:], inputs["ubg"][:] = transcription.constraint_bounds
-        self._inputs = inputs
+        self._inputs, self._clearances = inputs, transcription.clearance_rows
         self.w, self.cost, self.lam_g = outputs["x"], outputs["f"], outputs["lam_g"]
         self._ended = ""
 
@@ -214,6 +230,7 @@ class Backend:
         arguments = self._inputs
         arguments["x0"][:], arguments["p"][:] = task.guess, task.parameter
         arguments["lbx"][:], arguments["ubx"][:] = lower, upper
+        arguments["lbg"][self._clearances] = task.margin
         try:
             self._ended = ""
             self._call()

@@ -62,11 +62,13 @@ def make_tasks(
     windings: NDArray[np.integer],
     retry_with_fallback: bool = True,
     rescue: bool = True,
+    iterations: int | None = None,
+    margins: Array | float = 0.0,
 ) -> list[Task]:
     """The solves of instances of ``problem`` with ``parameters`` (B, np) in scaled variables of ``transcription``.
 
-    The other arguments, ``guesses``, ``windings``, ``retry_with_fallback`` and ``rescue``, are those of
-    :meth:`~ocp_envs.solvers.solver.GuardedSolver.solve`.
+    The other arguments, ``guesses``, ``windings``, ``retry_with_fallback``, ``rescue``, ``iterations`` and ``margins``,
+    are those of :meth:`~ocp_envs.solvers.solver.GuardedSolver.attempts`.
 
     Raises:
         ValueError: shapes or windings that do not fit.
@@ -86,8 +88,11 @@ def make_tasks(
     distance = np.abs((guesses.states[:, -1, None] - problem.targets) / problem.system.state.scale).sum(axis=2)
     targets = np.where(windings == NEAREST_WINDING, distance.argmin(axis=1), windings)
     fixed = np.concatenate(problem.start(parameters), axis=1)
+    kept = np.broadcast_to(margins, expected[:1])
+    instances = zip(transcription.pack(guesses), fixed, targets.tolist(), kept.tolist())
     return [
-        Task(*row, retry_with_fallback, rescue) for row in zip(transcription.pack(guesses), fixed, targets.tolist())
+        Task(guess, parameter, target, retry_with_fallback, rescue, iterations, margin)
+        for guess, parameter, target, margin in instances
     ]
 
 

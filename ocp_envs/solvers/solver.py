@@ -130,14 +130,17 @@ class GuardedSolver:
         *,
         retry_with_fallback: bool = True,
         rescue: bool = True,
+        iterations: int | None = None,
+        margins: Array | float = 0.0,
     ) -> Attempts:
         """As :meth:`solve`, with the trajectories at which the solves that failed ended.
 
         The arguments, and the errors, are the same: ``parameters``, ``guesses``, ``windings``, ``retry_with_fallback``
-        and ``rescue``.
+        and ``rescue``. In addition, ``iterations`` limits the primary solver, which then makes one attempt, and
+        ``margins`` (B,) are what the clearances at the knots k ≥ 1 have to be at least, 0 by default.
         """
         instances = self.problem, self._transcription, parameters
-        tasks = make_tasks(*instances, guesses, windings, retry_with_fallback, rescue)
+        tasks = make_tasks(*instances, guesses, windings, retry_with_fallback, rescue, iterations, margins)
         finite = guesses.finite
         with self._alone:
             solved = iter(list(self.runner.solve([task for task, good in zip(tasks, finite) if good])))
@@ -180,10 +183,15 @@ class Solution:
         return self.modes.trajectory[self.mode or 0]
 
 
-@lru_cache(maxsize=4)
-def _solvers(problem: OptimalControlProblem, process: int) -> Loans[GuardedSolver]:
-    """The solvers of ``problem`` in the process with that id, at most one for each core."""
-    return Loans(partial(GuardedSolver, problem, OF_MANY_GUESSES), os.cpu_count() or 1)
+@lru_cache(maxsize=8)
+def _solvers(problem: OptimalControlProblem, settings: SolverSettings, process: int) -> Loans[GuardedSolver]:
+    """The solvers of ``problem`` with ``settings`` in the process with that id, at most one for each core."""
+    return Loans(partial(GuardedSolver, problem, settings), os.cpu_count() or 1)
+
+
+def lent_solvers(problem: OptimalControlProblem, settings: SolverSettings = OF_MANY_GUESSES) -> Loans[GuardedSolver]:
+    """Solvers of ``problem`` with ``settings`` that this process keeps; its threads use as many as there are cores."""
+    return _solvers(problem, settings, os.getpid())
 
 
 def solve(
@@ -210,7 +218,7 @@ def solve(
         raise ValueError(f"solve takes one instance and starts ≥ 1, got {len(parameters)} and {starts}")
     if hopeless := infeasible_rows(problem, parameters):
         return Solution(given[0], Solutions.empty(problem, len(problem.modes)), Status.INFEASIBLE, hopeless[0])
-    with _solvers(problem, os.getpid()).one() as solver:
+    with lent_solvers(problem).one() as solver:
         found = _multistart(solver, parameters, np.random.default_rng(seed), starts)
     modes = best_per_mode(problem, parameters[0], found.solutions)
     status, reason = (Status.SOLVED, "") if found.solutions.solved.any() else _why(problem, parameters, found)

@@ -272,7 +272,7 @@ def to(target):
     ids=["initial state", "goal", "box"],
 )
 def test_an_instance_whose_ends_violate_a_constraint_is_told_without_a_solve(problem, p, reason, monkeypatch):
-    monkeypatch.setattr(solver, "_solvers", lambda *arguments: pytest.fail("it is solved"))
+    monkeypatch.setattr(solver, "lent_solvers", lambda problem: pytest.fail("it is solved"))
     solution = solve(problem, p, extrapolate=True)
     assert solution.status == Status.INFEASIBLE
     assert re.fullmatch(reason, solution.reason)
@@ -282,7 +282,7 @@ def test_an_instance_whose_ends_violate_a_constraint_is_told_without_a_solve(pro
 
 @pytest.fixture
 def unguarded(monkeypatch):
-    monkeypatch.setattr(solver, "_solvers", lambda problem, process: Loans(partial(Solver, problem), 1))
+    monkeypatch.setattr(solver, "lent_solvers", lambda problem: Loans(partial(Solver, problem), 1))
 
 
 def test_an_infeasible_instance_is_told_by_what_the_best_attempt_violates(unguarded):

@@ -1,0 +1,31 @@
+"""Which problem a planner plans for."""
+
+from __future__ import annotations
+
+from moe_policy.protocols import Planner
+from ocp_envs.problem import OptimalControlProblem
+
+
+def check_owner(problem: OptimalControlProblem, owner: object, what: str) -> None:
+    """Refuse ``what`` with a ValueError if its ``owner`` is a problem of another id than ``problem``."""
+    if isinstance(owner, OptimalControlProblem) and owner.id != problem.id:
+        raise ValueError(f"{what} belongs to {owner.id}, not to {problem.id}")
+
+
+def problem_of(planner: Planner, problem: OptimalControlProblem | None = None) -> OptimalControlProblem:
+    """What ``planner`` plans for: ``problem``, by default the attribute of that name of the planner.
+
+    Raises:
+        TypeError: a planner that cannot be called.
+        ValueError: neither is given, or the two have different ids.
+    """
+    if not callable(planner):
+        raise TypeError(f"expected a planner, which maps parameters to plans, got {type(planner).__name__}")
+    own = getattr(planner, "problem", None)
+    if problem is None:
+        if not isinstance(own, OptimalControlProblem):
+            name = getattr(planner, "name", type(planner).__name__)
+            raise ValueError(f"the planner {name} does not say what it plans for; give problem=…")
+        return own
+    check_owner(problem, own, "the planner")
+    return problem

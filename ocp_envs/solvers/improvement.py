@@ -1,0 +1,76 @@
+"""Plans improved by a few iterations of the solver, or by as many as it takes.
+
+The solver begins at the plan and keeps its solution family, which is that of the winding nearest to the plan's end.
+There is no second attempt and no other solver: where the solver breaks down, the plan stays as it was.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solvers.guesses import NEAREST_WINDING
+from ocp_envs.solvers.solver import lent_solvers
+from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.trajectory import Trajectory
+
+
+class Improved(NamedTuple):
+    """B plans ``trajectory``, and which of them the solver ``converged`` to and the check of solutions passed, (B,)."""
+
+    trajectory: Trajectory
+    converged: Bools
+
+
+def improve(
+    problem: OptimalControlProblem,
+    parameters: Array,
+    plans: Trajectory,
+    iterations: int | None = None,
+    margin: Array | float = 0.0,
+) -> Improved:
+    """The plans at which the solver ends that begins at ``plans``, B of them; they begin at the initial states.
+
+    A plan that is not finite, or on which the solver breaks down, stays as it was but for its first state.
+
+    Args:
+        problem: the problem.
+        parameters: of the instances, (B, np), their angles in the turn around the centre of the box.
+        plans: B trajectories.
+        iterations: at most so many of the solver; ``None`` until it converges.
+        margin: what the clearances at the knots k ≥ 1 have to be at least, in their unit; one for all instances or one
+            for each, (B,). Where the initial state or the goal is closer to a constraint, it is their clearance.
+    """
+    finite = plans.finite
+    margins = np.minimum(margin, room(problem, parameters))
+    with lent_solvers(problem).one() as solver:
+        solutions, ends = solver.attempts(
+            parameters,
+            plans,
+            np.full(len(parameters), NEAREST_WINDING),
+            retry_with_fallback=False,
+            rescue=False,
+            iterations=iterations,
+            margins=margins,
+        )
+    states = plans.states.copy()
+    states[finite, 0] = problem.start(parameters)[0][finite]
+    begun = Trajectory(states, plans.controls, plans.duration)
+    solved, ended = solutions.solved, ends.finite
+    trajectory = begun.replaced(ended, ends[ended]).replaced(solved, solutions.trajectory[solved])
+    return Improved(trajectory, solved)
+
+
+def room(problem: OptimalControlProblem, parameters: Array) -> Array:
+    """The clearance of the initial state or of the goal, whichever is smaller and at least 0, (B,); +inf without any.
+
+    The instances of ``problem`` have ``parameters`` (B, np).
+    """
+    if not problem.n_clearances:
+        return np.full(len(parameters), np.inf)
+    initial, contexts = problem.start(parameters)
+    goal = np.broadcast_to(problem.goal.state, initial.shape)
+    ends = [problem.batch_clearances()(states, contexts)[0].min(axis=1) for states in (initial, goal)]
+    return np.asarray(np.maximum(np.minimum(*ends), 0.0))
