@@ -33,6 +33,7 @@ from moe_policy.planners.solver import BatchSolver as BatchSolver
 from moe_policy.planners.solver import SolverPlanner as SolverPlanner
 from moe_policy.planners.stored import StoredPlans as StoredPlans
 from moe_policy.planners.symmetric import Symmetrised as Symmetrised
+from moe_policy.protocols import ExactPolicy as ExactPolicy
 from moe_policy.protocols import Planner as Planner
 from moe_policy.protocols import PlanningPolicy as PlanningPolicy
 from moe_policy.protocols import Policy as Policy

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.rows import Batch
@@ -36,7 +37,7 @@ class Policy(Protocol):
         state: State = None,
         episode_start: ArrayLike | None = None,
         deterministic: bool = True,
-    ) -> tuple[Array, State]:
+    ) -> tuple[NDArray[np.floating], State]:
         """The controls of one control step, and the recurrent state for the next call.
 
         Args:
@@ -45,6 +46,20 @@ class Policy(Protocol):
             episode_start: whether each episode of the batch starts now, (B,).
             deterministic: whether the policy's mean control is taken rather than a random one.
         """
+
+
+@runtime_checkable
+class ExactPolicy(Policy, Protocol):
+    """A policy that knows its controls in full precision, and whether it fits an environment; rollouts use both."""
+
+    def act(self, observations: NDArray[np.floating], state: State, begins: Bools) -> tuple[Array, State]:
+        """The controls (B, nu) at ``observations`` (B, nx + nc) in float64, and the next recurrent ``state``.
+
+        ``begins`` (B,) marks the episodes that begin now; without a state all do.
+        """
+
+    def check(self, env: Any) -> None:
+        """Refuse an environment ``env`` for which the policy is not made, with a TypeError or a ValueError."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""How policies split an observation into state and context, and shape their controls to match it."""
+"""How policies read observations: as numbers, split into state and context."""
 
 from __future__ import annotations
 
@@ -8,21 +8,33 @@ from numpy.typing import ArrayLike
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 
+#: Observations further outside the operating box than so many times its width are moved there, so that no number is so
+#: large that a control computed from it is none.
+_FAR = 1e6
 
-def split(problem: OptimalControlProblem, observation: ArrayLike) -> tuple[Array, Array]:
-    """States (B, nx) and contexts (B, nc) of an ``observation`` (B, nx + nc) or (nx + nc,) of ``problem``."""
-    values = np.atleast_2d(np.asarray(observation, dtype=np.float64))
-    nx, nc = problem.system.nx, len(problem.context)
-    if values.ndim != 2 or values.shape[1] != nx + nc:
-        raise ValueError(f"{problem.id}: expected observations (B, {nx + nc}), got {np.shape(observation)}")
+
+def observations_of(problem: OptimalControlProblem, observation: ArrayLike) -> Array:
+    """An ``observation`` (B, nx + nc) or (nx + nc,) of ``problem`` as (B, nx + nc) in float64, bounded but for NaN.
+
+    Raises:
+        ValueError: another shape, or no numbers.
+    """
+    values, width = np.asarray(observation), problem.system.nx + len(problem.context)
+    if values.dtype.kind not in "fiub":
+        raise ValueError(f"{problem.id}: expected observations of numbers, got {values.dtype}")
+    if values.ndim not in (1, 2) or values.shape[-1] != width:
+        raise ValueError(f"{problem.id}: expected observations (B, {width}), got {values.shape}")
+    boxes = (problem.system.state, problem.context)
+    lower, upper = (np.concatenate([box.centre + sign * _FAR * box.width for box in boxes]) for sign in (-1, 1))
+    return np.asarray(np.clip(np.atleast_2d(values).astype(np.float64), lower, upper))
+
+
+def split(problem: OptimalControlProblem, observations: ArrayLike) -> tuple[Array, Array]:
+    """States (B, nx) and contexts (B, nc) of ``observations`` (B, nx + nc) of ``problem``."""
+    values, nx = np.asarray(observations, dtype=np.float64), problem.system.nx
     return values[:, :nx], values[:, nx:]
 
 
 def beginning(episode_start: ArrayLike | None, size: int) -> Bools:
     """Mask (``size``,) of the rows in which an episode begins; none does where ``episode_start`` is ``None``."""
     return np.zeros(size, bool) if episode_start is None else np.broadcast_to(np.asarray(episode_start, bool), size)
-
-
-def shaped_as(observation: ArrayLike, controls: Array) -> Array:
-    """``controls`` (B, nu), or (nu,) for a single ``observation`` (nx + nc,)."""
-    return controls[0] if np.ndim(observation) == 1 else controls

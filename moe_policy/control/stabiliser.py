@@ -5,19 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import NDArray
 
+from moe_policy.control.fit import Environment
 from moe_policy.control.lqr import Regulator
-from moe_policy.control.observations import beginning, shaped_as, split
+from moe_policy.control.observations import split
+from moe_policy.control.policy import ModelPolicy, act
 from moe_policy.control.projection import project
 from moe_policy.control.weights import TrackingWeights
-from moe_policy.protocols import Policy, State
+from moe_policy.protocols import ExactPolicy, Policy, State
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 
 
-class Stabiliser:
-    """The LQR regulator at the goal, from the initial state on.
+class Stabiliser(ModelPolicy):
+    """The LQR regulator at the goal, from the initial state on. A NaN in an observation gives a NaN.
 
     Args:
         problem: the problem of the environment.
@@ -38,14 +40,12 @@ class Stabiliser:
         norm = np.broadcast_to(regulator.hold_norm, (len(states), *regulator.hold_norm.shape))
         return project(wanted, norm, problem.system.control)
 
-    def predict(
-        self,
-        observation: ArrayLike,
-        state: object = None,
-        episode_start: ArrayLike | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, None]:
-        return shaped_as(observation, self.controls(split(self.problem, observation)[0])), None
+    def act(self, observations: NDArray[np.floating], state: State, begins: Bools) -> tuple[Array, State]:
+        """See :class:`ModelPolicy`; the state is always ``None``."""
+        return self.controls(split(self.problem, observations)[0]), None
+
+    def __repr__(self) -> str:
+        return f"Stabiliser({self.problem.id!r}, dt={self.dt})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Entered:
     entered: Bools
 
 
-class Stabilised:
+class Stabilised(ModelPolicy):
     """A policy that hands over to the stabiliser when the state first enters the goal ball.
 
     Args:
@@ -77,17 +77,20 @@ class Stabilised:
         self.stabiliser = Stabiliser(problem, dt, weights)
         self.dt = self.stabiliser.dt
 
-    def predict(
-        self,
-        observation: ArrayLike,
-        state: Entered | None = None,
-        episode_start: ArrayLike | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, Entered]:
-        x, _ = split(self.problem, observation)
-        before = np.zeros(len(x), bool) if state is None else state.entered & ~beginning(episode_start, len(x))
+    def check(self, env: Environment) -> None:
+        """See :class:`ModelPolicy`; the other policy is checked, too, if it can be."""
+        super().check(env)
+        if isinstance(self.policy, ExactPolicy):
+            self.policy.check(env)
+
+    def act(self, observations: NDArray[np.floating], state: Entered | None, begins: Bools) -> tuple[Array, Entered]:
+        """See :class:`ModelPolicy`."""
+        x, _ = split(self.problem, observations)
+        before = np.zeros(len(x), bool) if state is None else state.entered & ~begins
         entered = before | (self.problem.goal_error(x) < self.problem.goal.radius)
-        inner_state = None if state is None else state.inner
-        controls, inner = self.policy.predict(observation, inner_state, episode_start, deterministic)
-        held = np.where(entered[:, None], self.stabiliser.controls(x), np.atleast_2d(controls))
-        return shaped_as(observation, held), Entered(inner, entered)
+        inner = None if state is None else state.inner
+        controls, inner = act(self.policy, observations, inner, begins)
+        return np.where(entered[:, None], self.stabiliser.controls(x), controls), Entered(inner, entered)
+
+    def __repr__(self) -> str:
+        return f"Stabilised({self.policy!r}, {self.problem.id!r}, dt={self.dt})"

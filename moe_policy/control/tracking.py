@@ -15,10 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.control.lqr import Regulator
-from moe_policy.control.observations import beginning, shaped_as, split
+from moe_policy.control.observations import split
+from moe_policy.control.policy import ModelPolicy
 from moe_policy.control.projection import project
 from moe_policy.control.resampling import Resampler
 from moe_policy.control.weights import TrackingWeights
@@ -72,13 +73,14 @@ def _padded(values: Array, length: int) -> Array:
     return np.concatenate([values, np.repeat(values[:, -1:], length - values.shape[1], axis=1)], axis=1)
 
 
-class TrackingPolicy:
+class TrackingPolicy(ModelPolicy):
     """Turns a planner into a policy: plan at the beginning of an episode, track the plan, hold the goal.
 
     A plan is clipped to the boxes before it is tracked; a duration outside ``problem.duration`` is counted. A plan that
     is not finite, or has no finite gains, is rejected and counted: its row holds the goal from the initial state on.
     Parameters outside their box raise no error, and no control is NaN unless the observation is. Without a recurrent
-    state, and where an episode starts, the parameters are read off the observation.
+    state, and where an episode starts, the parameters are read off the observation. Its own recurrent state is a
+    :class:`Tracking`; that of ``predict`` also holds what was seen of the environment.
 
     Args:
         problem: the problem of the environment.
@@ -162,26 +164,23 @@ class TrackingPolicy:
         """When the plans of a recurrent ``state`` end and are evaluated."""
         return state.schedule
 
-    def predict(
-        self,
-        observation: ArrayLike,
-        state: Tracking | None = None,
-        episode_start: ArrayLike | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, Tracking]:
-        x, contexts = split(self.problem, observation)
-        fresh = beginning(episode_start, len(x))
+    def act(self, observations: NDArray[np.floating], state: Tracking | None, begins: Bools) -> tuple[Array, Tracking]:
+        """See :class:`ModelPolicy`."""
+        x, contexts = split(self.problem, observations)
         if state is None:
             state = self.start(self.problem.parameters_of(x, contexts))
         elif len(state) != len(x):
             raise ValueError(f"got {len(x)} observations with the recurrent state of {len(state)} episodes")
-        elif fresh.any():
-            p = self.problem.parameters_of(x[fresh], contexts[fresh])
-            state = state.restarted(fresh, self.start(p))
+        elif begins.any():
+            p = self.problem.parameters_of(x[begins], contexts[begins])
+            state = state.restarted(begins, self.start(p))
 
         rows, step = np.arange(len(x)), np.minimum(state.clock, state.states.shape[1] - 1)
         error = self.problem.system.difference(x, state.states[rows, step])
         feedback = (state.gains[rows, step] @ error[..., None])[..., 0]
         wanted = state.controls[rows, step] - feedback
         controls = project(wanted, state.norms[rows, step], self.problem.system.control)
-        return shaped_as(observation, controls), replace(state, clock=state.clock + 1)
+        return controls, replace(state, clock=state.clock + 1)
+
+    def __repr__(self) -> str:
+        return f"TrackingPolicy({self.problem.id!r}, {self.planner!r}, dt={self.dt})"

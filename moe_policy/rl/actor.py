@@ -17,16 +17,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from torch import Tensor, nn
 
-from moe_policy.control.observations import beginning, shaped_as
+from moe_policy.control.policy import ModelPolicy
 from moe_policy.model_files import ModelFile, write_model
 from moe_policy.planners.calculation import DEVICE, DTYPE, planning
 from moe_policy.rl.features import Actions, Features
 from ocp_envs.control_step import checked_dt
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.arrays import Array, Bools, Ints
 
 ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "tanh": nn.Tanh}
 SQUASHES: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "clip": nn.Hardtanh}
@@ -77,8 +77,8 @@ class Held:
     steps_left: Ints
 
 
-class LearnedPolicy:
-    """An actor as a policy, with the signature of Stable-Baselines3.
+class LearnedPolicy(ModelPolicy):
+    """An actor as a policy, with the signature of Stable-Baselines3. A NaN in an observation gives NaN.
 
     Args:
         problem: the problem of the environment.
@@ -129,25 +129,23 @@ class LearnedPolicy:
             actions = self.actor(torch.from_numpy(self._features(observation)))
         return self._actions.controls(actions.numpy())
 
-    def predict(
-        self,
-        observation: ArrayLike,
-        state: Held | None = None,
-        episode_start: ArrayLike | None = None,
-        deterministic: bool = True,
-    ) -> tuple[Array, Held]:
-        batch = np.atleast_2d(np.asarray(observation))
+    def act(self, observations: NDArray[np.floating], state: Held | None, begins: Bools) -> tuple[Array, Held]:
+        """See :class:`ModelPolicy`."""
+        size = len(observations)
         if state is None:
-            state = Held(np.zeros((len(batch), self.problem.system.nu)), np.zeros(len(batch), np.int64))
-        elif len(state.steps_left) != len(batch):
-            known = len(state.steps_left)
-            raise ValueError(f"got {len(batch)} observations with the recurrent state of {known} episodes")
-        due = (state.steps_left == 0) | beginning(episode_start, len(batch))
+            state = Held(np.zeros((size, self.problem.system.nu)), np.zeros(size, np.int64))
+        elif len(state.steps_left) != size:
+            raise ValueError(f"got {size} observations with the recurrent state of {len(state.steps_left)} episodes")
+        due = (state.steps_left == 0) | begins
         controls, steps_left = state.controls, np.where(due, self._steps, state.steps_left) - 1
         if due.any():
             controls = controls.copy()
-            controls[due] = self.controls(batch[due])
-        return shaped_as(observation, controls).copy(), Held(controls, steps_left)
+            controls[due] = self.controls(observations[due])
+        return controls.copy(), Held(controls, steps_left)
+
+    def __repr__(self) -> str:
+        layers = "-".join(map(str, self.actor.sizes))
+        return f"LearnedPolicy({self.problem.id!r}, {self.algorithm!r}, layers {layers}, {self.period} s, dt={self.dt})"
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the files ``path`` + ``.safetensors`` and ``.json``; :func:`moe_policy.load_file` reads them."""

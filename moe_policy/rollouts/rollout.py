@@ -8,12 +8,13 @@ The evaluation time of a policy that plans is known in advance (see :class:`moe_
 other policy, and any with ``evaluation="goal"``, is evaluated ``problem.hold`` seconds after the first entry, at the
 latest at the horizon. An episode ends when it is evaluated or when it leaves the operating box, which the environment
 charges and which is never a success. All results are those of the simulator: no wrapper changes them, except
-by changing the controls.
+by changing the controls. It warns of NaN among the controls of a policy.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from typing import Literal, get_args
 
@@ -21,7 +22,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import ArrayLike
 
-from moe_policy.protocols import PlanningPolicy, Policy
+from moe_policy.control.policy import act
+from moe_policy.protocols import ExactPolicy, PlanningPolicy, Policy
 from moe_policy.rollouts.environments import Environments, base_of
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.ledger import Ledger
@@ -47,7 +49,8 @@ def rollout(
     Args:
         envs: a vector environment of :mod:`ocp_envs` made with ``terminate_at_goal=False`` and
             ``autoreset_mode="Disabled"``, wrapped or not; :func:`moe_policy.environments` makes them.
-        policy: anything with ``predict``; a :class:`~moe_policy.protocols.PlanningPolicy` gets p in float64.
+        policy: anything with ``predict``; a :class:`~moe_policy.protocols.PlanningPolicy` gets p in float64, and
+            an :class:`~moe_policy.protocols.ExactPolicy` acts in float64.
         parameters: (B, np) or (np,), inside the parameter box or not.
         horizon: seconds after which every episode is evaluated; at most the environment's time limit, its default.
         record: keep the states, and the controls as the environment of :mod:`ocp_envs` gets them.
@@ -59,11 +62,13 @@ def rollout(
         TypeError: another vector environment than one of :mod:`ocp_envs`.
         RuntimeError: another thread is using the environments.
         ValueError: an unknown ``evaluation``, an environment that restarts or ends at the goal by itself, a wrapper
-            that does not take exactly one control step in a step, a policy for another control period, a horizon beyond
-            the time limit, parameters of another shape or not finite.
+            that does not take exactly one control step in a step, a policy that is not made for such environments, a
+            horizon beyond the time limit, parameters of another shape or not finite.
     """
     base = base_of(envs)
     _check(base, policy, evaluation)
+    if isinstance(policy, ExactPolicy):
+        policy.check(envs)
     steps = _steps(base, horizon)
     p = base.problem.check_parameters(parameters, extrapolate=True)
     if len(p) == 0:
@@ -87,23 +92,34 @@ def _run(envs: Environments, policy: Policy, p: Array, steps: int, record: bool,
         schedule = policy.schedule(state) if evaluation == "schedule" else None
     step, begins, x = 0, np.full(len(p), state is None), base.state
     ledger = Ledger(base.problem, base.dt, steps, x, base.context, schedule)
-    states, controls = [x], []
+    states, controls, nan = [x], [], np.zeros(len(p), bool)
     while ledger.running.any():
         step, running = step + 1, ledger.running.copy()
-        action, state = policy.predict(observation, state=state, episode_start=begins, deterministic=True)
+        action, state = act(policy, observation, state, begins)
         observation, _, _, _, _ = envs.step(action)
         _check_steps(base, step, running)
+        nan |= running & np.isnan(base.controls).any(axis=1)
         # The simulator's own results: a wrapper may change rewards, actions, observations and the ends of episodes.
         begins, before, x = np.zeros(len(p), bool), x, base.state
         ledger.add(step, before, x, base.costs, base.left_box)
         if record:
             states.append(np.where(running[:, None], x, np.nan))
             controls.append(np.where(running[:, None], base.controls, np.nan))
+    _report_nan(base, nan)
     episodes = ledger.episodes(p)
     if record:
         applied = np.stack(controls, axis=1) if controls else np.empty((len(p), 0, base.problem.system.nu))
         episodes = replace(episodes, states=np.stack(states, axis=1), controls=applied)
     return episodes
+
+
+def _report_nan(base: VectorEnv, rows: Bools) -> None:
+    if rows.any():
+        warnings.warn(
+            f"{base.problem.id}: the policy returned NaN in {np.count_nonzero(rows)} of {len(rows)} episodes; in these "
+            "control steps the control that holds the goal acted",
+            stacklevel=4,
+        )
 
 
 def _check(base: VectorEnv, policy: Policy, evaluation: Evaluation) -> None:

@@ -15,6 +15,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ocp_envs.envs.interface import Interface
 from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
@@ -162,19 +163,19 @@ class EnvOptions:
         return bool(np.any(self.observation_noise))
 
     @cached_property
-    def observation_space(self) -> gym.spaces.Box:
-        """State box and context box; float32 rounds by up to half a step, so the bounds lie one step further out."""
-        boxes = (self.problem.system.state, self.problem.context)
-        lower = np.concatenate([box.lower for box in boxes]).astype(np.float32)
-        upper = np.concatenate([box.upper for box in boxes]).astype(np.float32)
-        infinity = np.float32(np.inf)
-        return gym.spaces.Box(np.nextafter(lower, -infinity), np.nextafter(upper, infinity), dtype=np.float32)
+    def interface(self) -> Interface:
+        """What a policy must know of the environment."""
+        return Interface.of(self.problem, float(self.dt))
 
-    @cached_property
+    @property
+    def observation_space(self) -> gym.spaces.Box:
+        """See :class:`~ocp_envs.envs.interface.Interface`."""
+        return self.interface.observation_space
+
+    @property
     def action_space(self) -> gym.spaces.Box:
         """The control box."""
-        box = self.problem.system.control
-        return gym.spaces.Box(box.lower.astype(np.float32), box.upper.astype(np.float32), dtype=np.float32)
+        return self.interface.action_space
 
     def charge(self, steps: int | Ints) -> float | NDArray[np.floating]:
         """Cost charged for leaving the box after ``steps`` control steps: the largest in the time to its limit."""

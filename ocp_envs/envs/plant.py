@@ -12,6 +12,7 @@ from typing import NoReturn
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
+from ocp_envs.envs.interface import Interface
 from ocp_envs.envs.options import EnvOptions
 from ocp_envs.envs.specification import completed
 from ocp_envs.problem import OptimalControlProblem
@@ -160,6 +161,11 @@ class Episodes:
     def reserved(self) -> AbstractContextManager[None]:
         """The context in which only this thread can step and reset; another one gets a ``RuntimeError``."""
         return self._plant.alone()
+
+    @property
+    def interface(self) -> Interface:
+        """What a policy must know of the environment."""
+        return self.options.interface
 
     @property
     def state(self) -> Array:

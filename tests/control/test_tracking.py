@@ -151,7 +151,7 @@ def test_all_plans_rejected():
     policy = TrackingPolicy(PENDULUM, lambda p: plan)
     controls, state = policy.predict(np.zeros((2, 2), np.float32))
     assert np.isfinite(controls).all()
-    assert state.schedule.rejected.all()
+    assert state.inner.schedule.rejected.all()
 
 
 def counting_planner(calls):
@@ -174,10 +174,10 @@ def test_only_rows_that_begin_are_planned_again():
     again = np.array([[1.0, 0.5], [6.0, 0.0], [3.0, -1.0]], np.float32)
     controls, state = policy.predict(again, state, np.array([False, True, False]))
     assert [len(p) for p in calls] == [3, 1]
-    np.testing.assert_array_equal(state.clock, [3, 1, 3])
+    np.testing.assert_array_equal(state.inner.clock, [3, 1, 3])
     alone, _ = policy.predict(again[1:2])
     np.testing.assert_allclose(controls[1], alone[0], rtol=1e-12)
-    assert state.gains.shape[1] == count_steps(np.array([1 + 6.0 / 5]), DT)[0] + 1
+    assert state.inner.gains.shape[1] == count_steps(np.array([1 + 6.0 / 5]), DT)[0] + 1
 
 
 def test_single_observation():

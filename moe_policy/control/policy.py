@@ -1,0 +1,114 @@
+"""What the policies of the library have in common: float32 actions for users, exact controls for rollouts, a check.
+
+A policy *acts* in float64: :meth:`ModelPolicy.act` is what :func:`moe_policy.rollout` calls, with a mask of the
+episodes that begin. :meth:`ModelPolicy.predict` is the same with the signature of Stable-Baselines3: its actions are in
+the action space of the environment, and it watches its observations (:mod:`moe_policy.control.watch`), because those
+who call it know nothing of :meth:`ModelPolicy.check`.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from moe_policy.control.fit import Environment, check_environment
+from moe_policy.control.observations import beginning, observations_of
+from moe_policy.control.watch import Watch, Watched
+from moe_policy.protocols import ExactPolicy, Policy, State
+from ocp_envs.envs.interface import Interface
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, Bools
+
+
+class ModelPolicy:
+    """A policy for the environments of ``problem`` with a control period of ``dt`` seconds."""
+
+    problem: OptimalControlProblem
+    dt: float
+
+    def act(self, observations: NDArray[np.floating], state: State, begins: Bools) -> tuple[Array, State]:
+        """The controls (B, nu) of one control step in float64, within their bounds, and the next recurrent state.
+
+        ``observations`` are (B, nx + nc). ``state`` is the recurrent state that the last call returned, ``None`` at
+        first; ``begins`` (B,) marks the episodes that begin now.
+        """
+        raise NotImplementedError
+
+    def check(self, env: Environment) -> None:
+        """Refuse an environment for which this policy is not made.
+
+        That is one of another problem's coordinates, of another control period, or with a wrapper that changes what
+        observations and actions mean, as far as their spaces tell. :func:`moe_policy.rollout` calls it; others do not.
+
+        Args:
+            env: an environment or a vector environment of :mod:`ocp_envs`, of Gymnasium or of Stable-Baselines3,
+                wrapped or not.
+
+        Raises:
+            TypeError: another environment than one of :mod:`ocp_envs`.
+            ValueError: the policy does not fit; the message says what differs, and what to do.
+        """
+        check_environment(self.interface, env)
+
+    @cached_property
+    def interface(self) -> Interface:
+        """What an environment must show to fit."""
+        return Interface.of(self.problem, self.dt)
+
+    @cached_property
+    def _watch(self) -> Watch:
+        return Watch(self.problem, self.dt)
+
+    def predict(
+        self,
+        observation: ArrayLike,
+        state: State = None,
+        episode_start: ArrayLike | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], State]:
+        """The actions of one control step, with the signature of Stable-Baselines3.
+
+        An observation with a NaN gives NaN, which the environments report. Where the episode that ``episode_start``
+        began is followed by an observation that cannot be its next one, the episode begins there: so the flags may be
+        those of Gymnasium's ``autoreset_mode="NextStep"``, under which the observation of a finished episode comes
+        with its end. The first control steps of an episode also show whether the environment has the control period
+        and the actions of this policy.
+
+        Args:
+            observation: one observation (nx + nc,), or a batch (B, nx + nc).
+            state: the recurrent state that the last call returned; ``None`` at first.
+            episode_start: whether each episode of the batch starts now, (B,).
+            deterministic: without effect: there is no other control.
+
+        Returns:
+            actions in the action space of the environment, (nu,) or (B, nu) in float32, and the recurrent state.
+
+        Raises:
+            ValueError: observations of another shape, or that move as those of another environment.
+        """
+        values = observations_of(self.problem, observation)
+        begins, restarted, inner = beginning(episode_start, len(values)), np.zeros(len(values), bool), state
+        if isinstance(state, Watched):
+            if len(state.age) != len(values):
+                known = len(state.age)
+                raise ValueError(f"got {len(values)} observations with the recurrent state of {known} episodes")
+            restarted, inner = self._watch.restarted(state, values, begins), state.inner
+        controls, inner = self.act(values, inner, begins | restarted)
+        space = self.interface.action_space
+        actions = np.clip(controls.astype(np.float32), space.low, space.high)
+        if inner is not None and (state is None or isinstance(state, Watched) or begins.any()):
+            inner = self._watch.following(state, inner, values, actions, begins, restarted)
+        return (actions[0] if np.ndim(observation) == 1 else actions), inner
+
+
+def act(policy: Policy, observations: NDArray[np.floating], state: State, begins: Bools) -> tuple[Array, State]:
+    """The controls (B, nu) of one control step, as exact as ``policy`` has them, and the next recurrent state.
+
+    ``observations`` (B, nx + nc), ``state`` and ``begins`` (B,) are as for :meth:`ModelPolicy.act`.
+    """
+    if isinstance(policy, ExactPolicy):
+        return policy.act(observations, state, begins)
+    action, state = policy.predict(observations, state=state, episode_start=begins, deterministic=True)
+    return np.asarray(action, dtype=np.float64), state
