@@ -8,6 +8,7 @@ from ocp_envs.distribution import Blocked as Blocked
 from ocp_envs.distribution import Distribution as Distribution
 from ocp_envs.distribution import Uniform as Uniform
 from ocp_envs.envs.env import Env as Env
+from ocp_envs.envs.interface import Interface as Interface
 from ocp_envs.envs.options import EnvArguments as EnvArguments
 from ocp_envs.envs.options import EnvOptions as EnvOptions
 from ocp_envs.envs.simulation import ControlStep as ControlStep

@@ -41,7 +41,6 @@ class Stabiliser(ModelPolicy):
         return project(wanted, norm, problem.system.control)
 
     def act(self, observations: NDArray[np.floating], state: State, begins: Bools) -> tuple[Array, State]:
-        """See :class:`ModelPolicy`; the state is always ``None``."""
         return self.controls(split(self.problem, observations)[0]), None
 
     def __repr__(self) -> str:
@@ -78,13 +77,11 @@ class Stabilised(ModelPolicy):
         self.dt = self.stabiliser.dt
 
     def check(self, env: Environment) -> None:
-        """See :class:`ModelPolicy`; the other policy is checked, too, if it can be."""
         super().check(env)
         if isinstance(self.policy, ExactPolicy):
             self.policy.check(env)
 
     def act(self, observations: NDArray[np.floating], state: Entered | None, begins: Bools) -> tuple[Array, Entered]:
-        """See :class:`ModelPolicy`."""
         x, _ = split(self.problem, observations)
         before = np.zeros(len(x), bool) if state is None else state.entered & ~begins
         entered = before | (self.problem.goal_error(x) < self.problem.goal.radius)

@@ -165,7 +165,6 @@ class TrackingPolicy(ModelPolicy):
         return state.schedule
 
     def act(self, observations: NDArray[np.floating], state: Tracking | None, begins: Bools) -> tuple[Array, Tracking]:
-        """See :class:`ModelPolicy`."""
         x, contexts = split(self.problem, observations)
         if state is None:
             state = self.start(self.problem.parameters_of(x, contexts))

@@ -86,7 +86,10 @@ class Watch:
         self._rates = BatchFunction(dense_function("kinematics", [x], [ca.vertcat(*chosen)])) if chosen else None
 
     def restarted(self, state: Watched, observations: Array, begins: Bools) -> Bools:
-        """The rows (B,) in which another episode has begun since ``begins`` was told for the last ``observations``."""
+        """The rows (B,) in which another episode has begun, of which ``begins`` does not tell.
+
+        They began one control step before, as ``state`` says, and continue at other ``observations``, (B, nx + nc).
+        """
         asked = (state.age == 1) & ~begins
         if not asked.any():
             return np.zeros(len(observations), bool)

@@ -130,7 +130,6 @@ class LearnedPolicy(ModelPolicy):
         return self._actions.controls(actions.numpy())
 
     def act(self, observations: NDArray[np.floating], state: Held | None, begins: Bools) -> tuple[Array, Held]:
-        """See :class:`ModelPolicy`."""
         size = len(observations)
         if state is None:
             state = Held(np.zeros((size, self.problem.system.nu)), np.zeros(size, np.int64))
