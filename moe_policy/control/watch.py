@@ -26,10 +26,10 @@ from numpy.typing import NDArray
 
 from moe_policy.control.observations import split
 from moe_policy.protocols import State
+from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.batch import BatchFunction, dense_function
-from ocp_envs.support.clock import count_steps
 
 #: Control steps of a block, and the blocks of an episode that are watched.
 BLOCK, _BLOCKS = 6, 4
@@ -73,7 +73,7 @@ class Watch:
 
     def __init__(self, problem: OptimalControlProblem, dt: float) -> None:
         self.problem, self.dt = problem, dt
-        self._substeps = max(1, int(count_steps(dt, problem.longest_substep)))
+        self._substeps = runge_kutta_steps(problem, dt)
         x, u, s = problem.symbols()
         constants = {name: ca.SX.sym(name) for name in problem.system.constants}
         rates = problem.system.derivative(x, u, constants)
