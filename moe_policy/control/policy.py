@@ -91,9 +91,8 @@ class ModelPolicy:
         values = observations_of(self.problem, observation)
         begins, restarted, inner = beginning(episode_start, len(values)), np.zeros(len(values), bool), state
         if isinstance(state, Watched):
-            if len(state.age) != len(values):
-                known = len(state.age)
-                raise ValueError(f"got {len(values)} observations with the recurrent state of {known} episodes")
+            if len(state) != len(values):
+                raise ValueError(f"got {len(values)} observations with the recurrent state of {len(state)} episodes")
             restarted, inner = self._watch.restarted(state, values, begins), state.inner
         controls, inner = self.act(values, inner, begins | restarted)
         space = self.interface.action_space

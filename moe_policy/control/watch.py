@@ -67,6 +67,9 @@ class Watched:
     periods: int = 0
     rescaled: int = 0
 
+    def __len__(self) -> int:
+        return len(self.age)
+
 
 class Watch:
     """Watches observations and actions of a policy for ``problem`` at control steps of ``dt`` seconds."""
