@@ -7,6 +7,7 @@ public names and their modules are listed in ``__init__.pyi``, which type checke
 import os
 import sys
 
+from ocp_envs import __version__ as __version__
 from ocp_envs.support.public_names import public_names
 
 __all__, __getattr__, __dir__ = public_names(__name__, __file__)

@@ -66,3 +66,5 @@ from moe_policy.store import load as load
 from moe_policy.store import load_file as load_file
 from moe_policy.store import load_planner as load_planner
 from moe_policy.store import load_policy as load_policy
+
+__version__: str

@@ -10,6 +10,9 @@ from __future__ import annotations
 from ocp_envs.problems import BENCHMARK, register
 from ocp_envs.support.public_names import public_names
 
+#: The version of the project; ``pyproject.toml`` reads it here.
+__version__ = "0.1.0"
+
 __all__, __getattr__, __dir__ = public_names(__name__, __file__)
 
 for _problem in BENCHMARK:

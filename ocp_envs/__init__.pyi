@@ -51,3 +51,5 @@ from ocp_envs.system import Box as Box
 from ocp_envs.system import Coordinate as Coordinate
 from ocp_envs.system import System as System
 from ocp_envs.trajectory import Trajectory as Trajectory
+
+__version__: str

@@ -6,6 +6,7 @@ import ast
 import graphlib
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -194,6 +195,21 @@ def test_no_public_name_is_hidden_by_a_wing():
 def test_importing_the_package_does_not_load_torch():
     code = "import sys, moe_policy; assert 'torch' not in sys.modules and 'sklearn' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_policies_do_not_load_matplotlib():
+    code = """
+import sys, moe_policy, ocp_envs
+problem = ocp_envs.load("PendulumSwingup-v0")
+moe_policy.TrackingPolicy(problem, moe_policy.load(problem, "nearest"))
+assert "matplotlib" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
+def test_the_version_is_that_of_the_project():
+    assert "dynamic" in tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert ocp_envs.__version__ == moe_policy.__version__ == "0.1.0"
 
 
 def test_an_unknown_name_is_an_attribute_error():

@@ -30,6 +30,9 @@ class NearestPlanner:
         self.parameters, self.trajectory, self.mode = samples.parameters, samples.trajectory, samples.mode
         self._stored = Neighbours(self.problem.parameters, self.parameters)
 
+    def __repr__(self) -> str:
+        return f"NearestPlanner({self.problem.id!r}, {self.name!r}, {len(self.parameters)} trajectories)"
+
     def samples(self) -> Samples:
         """What is stored, as samples to learn from or for warm starts."""
         return Samples.of(self.problem, self.parameters, self.trajectory, self.mode)

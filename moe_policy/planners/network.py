@@ -61,6 +61,11 @@ class NetworkPlanner:
     details: Json = field(default_factory=dict)
     report: TrainingReport | None = None
 
+    def __repr__(self) -> str:
+        experts = len(self.network.experts) if isinstance(self.network, MixtureOfExperts) else 0
+        kind = f"mixture of {experts} experts" if experts else "single network"
+        return f"NetworkPlanner({self.problem.id!r}, {self.name!r}, {kind}, {self.parameters_total} weights)"
+
     def __post_init__(self) -> None:
         check_kind("network", self.network, (SingleNetwork, MixtureOfExperts))
         for name in ("inputs", "outputs"):

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.rows import Batch
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +61,27 @@ class Episodes(Batch):
         ``success`` does not ask for this: an episode that crosses an obstacle on its way to the goal succeeds.
         """
         return np.asarray(self.violation <= tolerance)
+
+    def to_frame(self, problem: OptimalControlProblem) -> DataFrame:
+        """The episodes as a ``DataFrame`` of pandas, one a row, with a column for each result and each parameter.
+
+        Parameters have the names that ``problem`` gives them; records of states and controls are left out.
+
+        Raises:
+            ImportError: pandas is not installed.
+            ValueError: episodes of a problem with another number of parameters.
+        """
+        try:
+            from pandas import DataFrame
+        except ImportError as error:
+            raise ImportError(f"to_frame needs pandas: pip install pandas ({error})") from error
+        names = problem.parameters.names
+        if self.parameters.shape[1] != len(names):
+            got = f"episodes with {self.parameters.shape[1]} parameters"
+            raise ValueError(f"{problem.id}: expected the parameters {', '.join(names)}, got {got}")
+        columns = self._columns().items()
+        results = {name: column for name, column in columns if isinstance(column, np.ndarray) and column.ndim == 1}
+        return DataFrame(dict(zip(names, self.parameters.T)) | results)
 
     @classmethod
     def concatenate(cls, parts: Sequence[Episodes]) -> Episodes:

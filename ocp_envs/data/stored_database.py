@@ -61,6 +61,10 @@ class StoredDatabase:
         if not self._exist[: description.safe].all():
             raise DatabaseError(f"{path} is damaged: pieces of solved rows are missing; {CURE}")
 
+    def __repr__(self) -> str:
+        found = f"{np.count_nonzero(self._exist)} of {len(self)} instances"
+        return f"<{type(self).__name__} {str(self.path)!r} of {self.problem.id!r}: {found}>"
+
     @classmethod
     def create(
         cls,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import inspect
 import math
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ from ocp_envs.envs.interface import Interface
 from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.problems import UnknownProblemError, load
+from ocp_envs.problems import BENCHMARK, load
 from ocp_envs.support.arrays import Array, Ints, frozen_array
 from ocp_envs.support.clock import count_steps
 from ocp_envs.support.suggestions import did_you_mean
@@ -124,10 +123,9 @@ class EnvOptions:
 
     def __reduce__(self) -> tuple[object, ...]:
         values = {f.name: getattr(self, f.name) for f in fields(self)} | {"constants": dict(self.constants or {})}
-        # A problem of the catalogue is pickled by its name: problems hold functions, which cannot be pickled.
-        with contextlib.suppress(UnknownProblemError):
-            if load(self.problem.id) is self.problem:
-                values["problem"] = self.problem.id
+        # Any process knows the problems of the benchmark by their names; others travel by value, registered or not.
+        if self.problem in BENCHMARK:
+            values["problem"] = self.problem.id
         return _restore, tuple(values.values())
 
     @cached_property

@@ -148,6 +148,11 @@ class Episodes:
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = completed(spec, self.options)
 
+    def __repr__(self) -> str:
+        options, count = self.options, "" if self._shown == 0 else f"num_envs={self._plant.rows}, "
+        limit = f"time_limit={options.time_limit}"
+        return f"{type(self).__name__}({options.problem.id!r}, {count}dt={options.dt}, {limit})"
+
     @property
     def problem(self) -> OptimalControlProblem:
         """The nominal problem; the plant differs from it if ``constants`` were given."""

@@ -31,6 +31,24 @@ def _reduced(problem: OptimalControlProblem) -> tuple[object, ...]:
 copyreg.pickle(OptimalControlProblem, _reduced)  # type: ignore[arg-type]
 
 
+class ProblemName(str):
+    """The id of a registered problem, which takes the problem along to other processes."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        problem = _catalogue.get(self)
+        return (ProblemName, (str(self),)) if problem is None or problem in BENCHMARK else (_arrived, (problem,))
+
+    def __deepcopy__(self, memo: dict[int, object]) -> ProblemName:
+        return self
+
+
+def _arrived(problem: OptimalControlProblem) -> ProblemName:
+    """The name of a ``problem`` from another process, registered here if its id is not yet known."""
+    if problem.id not in _catalogue:
+        register(problem)
+    return ProblemName(problem.id)
+
+
 def load(name: str) -> OptimalControlProblem:
     """The problem called ``name``, for instance ``"PendulumSwingup-v0"``.
 
@@ -54,7 +72,9 @@ def names() -> list[str]:
 def register(problem: OptimalControlProblem) -> None:
     """Make ``problem`` known to :func:`load`, ``gymnasium.make`` and ``gymnasium.make_vec`` under its id.
 
-    Registering the same object again changes nothing.
+    Registering the same object again changes nothing. A process that starts anew ("spawn") does not know the problem
+    by its id, but gets it with the specification: make environments there with ``gymnasium.make(spec)``, where
+    ``spec = gymnasium.spec(problem.id)``. Gymnasium's asynchronous vector environments do so by themselves.
 
     Raises:
         ValueError: another problem, or another package's environment, already has that id.
@@ -70,5 +90,5 @@ def register(problem: OptimalControlProblem) -> None:
             entry_point=entry_point,
             vector_entry_point="ocp_envs.envs.vector_env:VectorEnv",
             max_episode_steps=None,  # the time limit is the environment's own, in seconds
-            kwargs={"problem": problem.id},
+            kwargs={"problem": ProblemName(problem.id)},
         )

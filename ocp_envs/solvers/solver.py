@@ -167,6 +167,11 @@ class Solution:
     status: Status
     reason: str = ""
 
+    def __repr__(self) -> str:
+        found = f"cost {self.cost:.6g}, mode {self.mode}" if self.mode is not None else "no trajectory"
+        parameters = np.array2string(self.parameters, precision=4, separator=", ")
+        return f"<Solution of {parameters}: {self.status.name}, {found}, of {len(self.modes)} solution families>"
+
     @property
     def mode(self) -> int | None:
         """The solution family of the best optimum; ``None`` where nothing was found."""

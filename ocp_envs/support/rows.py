@@ -23,6 +23,17 @@ class Batch:
     included, belongs to the batch as a whole.
     """
 
+    def __init_subclass__(cls, **arguments: object) -> None:
+        super().__init_subclass__(**arguments)
+        # A dataclass would print all its arrays; it keeps a method that the class already has.
+        cls.__repr__ = Batch.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        columns = self._columns().items()
+        arrays = [f"{name} {column.shape}" for name, column in columns if isinstance(column, np.ndarray)]
+        others = [f"{name} ({type(column).__name__})" for name, column in columns if isinstance(column, Batch)]
+        return f"<{type(self).__name__} of {len(self)}: {', '.join(arrays + others)}>"
+
     def __len__(self) -> int:
         return len(next(iter(self._columns().values())))
 

@@ -1,11 +1,14 @@
 """Batches of episodes."""
 
+import sys
 from dataclasses import fields, replace
 
 import numpy as np
+import pytest
 
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout
+from ocp_envs.problems.vehicle import VEHICLE
 from tests.closed_loop import PARAMETERS, constant, vector
 from tests.small_problems import DOUBLE_INTEGRATOR
 
@@ -35,3 +38,26 @@ def test_a_selection_keeps_all_fields_of_its_rows():
     for chosen in (whole[1:], whole[np.array([False, True, True])], whole[np.array([1, 2])]):
         for field in fields(Episodes):
             np.testing.assert_array_equal(getattr(chosen, field.name), getattr(whole, field.name)[1:])
+
+
+def test_a_frame_has_a_column_for_each_result_and_each_parameter():
+    pytest.importorskip("pandas")
+    episodes = some_episodes(0.1)
+    frame = episodes.to_frame(DOUBLE_INTEGRATOR)
+    assert list(frame.columns[:2]) == ["x", "v"]
+    assert {"success", "cost", "violation", "final_error"} <= set(frame.columns)
+    assert "states" not in frame.columns
+    np.testing.assert_array_equal(frame[["x", "v"]], PARAMETERS)
+    np.testing.assert_array_equal(frame["cost"], episodes.cost)
+
+
+def test_a_frame_without_pandas_is_an_error_with_its_cure(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ImportError, match="to_frame needs pandas: pip install pandas"):
+        some_episodes(0.1).to_frame(DOUBLE_INTEGRATOR)
+
+
+def test_a_frame_of_another_problem_is_refused():
+    pytest.importorskip("pandas")
+    with pytest.raises(ValueError, match=r"expected the parameters .*, got episodes with 2 parameters"):
+        some_episodes(0.1).to_frame(VEHICLE)
