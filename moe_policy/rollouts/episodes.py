@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.rows import Batch
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,7 @@ class Episodes(Batch):
         """
         return np.asarray(self.violation <= tolerance)
 
-    def to_frame(self, problem: OptimalControlProblem) -> DataFrame:
+    def to_frame(self, problem: OptimalControlProblem) -> Any:
         """The episodes as a ``DataFrame`` of pandas, one a row, with a column for each result and each parameter.
 
         Parameters have the names that ``problem`` gives them; records of states and controls are left out.

@@ -113,6 +113,15 @@ def test_a_rollout_warns_of_nan_controls():
         rollout(environments(PENDULUM, 2), Broken(PENDULUM), [[1.0, 0.0], [2.0, 0.0]], horizon=0.1)
 
 
+def test_rollouts_use_the_predict_of_a_subclass():
+    class Idle(Stabiliser):
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            return np.full((len(observation), 1), 0.25, np.float32), None
+
+    episodes = rollout(environments(PENDULUM, 1), Idle(PENDULUM), [[1.0, 0.0]], horizon=0.1, record=True)
+    assert (episodes.controls == 0.25).all()
+
+
 def test_the_recurrent_state_of_predict_can_be_pickled():
     policy = Stabilised(Stabiliser(PENDULUM), PENDULUM)
     seen = observations(2)
