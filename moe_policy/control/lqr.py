@@ -7,7 +7,7 @@ backward Riccati recursion (Anderson & Moore, *Optimal Control: Linear Quadratic
 
 Along a plan the recursion starts from the terminal weight at the plan's last control step, and R may depend on the
 control authority (:class:`~moe_policy.control.weights.TrackingWeights`). At the goal A and B are constant and P is the
-stabilising solution of the algebraic Riccati equation, computed by SciPy. H = R + BᵀPB weights the norm in
+stabilising solution of the algebraic Riccati equation, computed by python-control. H = R + BᵀPB weights the norm in
 which controls are projected onto their bounds (:mod:`moe_policy.control.projection`).
 """
 
@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.linalg import solve, solve_discrete_are
 
 from moe_policy.control.weights import TrackingWeights
 from ocp_envs.control_step import runge_kutta_steps
@@ -70,16 +69,16 @@ class Regulator:
             return np.zeros((nu, nx)), np.eye(nu), TERMINAL_FACTOR * np.diag(weights.state)
         a, b = self.linearise(problem.goal.state[None], problem.goal.control[None], problem.context.centre[None])
         r = np.diag(weights.control)
-        a, b = a[0], b[0]
+        import control  # not before a regulator is computed: python-control loads matplotlib
+
         try:
-            cost_to_go = np.asarray(solve_discrete_are(a, b, np.diag(weights.state), r))
-            gain = solve(b.T @ cost_to_go @ b + r, b.T @ cost_to_go @ a)
+            gain, cost_to_go, _ = control.dlqr(a[0], b[0], np.diag(weights.state), r)
         except np.linalg.LinAlgError as error:
             raise ValueError(
                 f"{problem.id}: there is no linear regulator that holds the goal with dt = {self.dt:g} s and these "
                 f"weights ({error}); choose others, or declare hold=0.0"
             ) from error
-        return np.asarray(gain), r + b.T @ cost_to_go @ b, cost_to_go
+        return np.asarray(gain), np.asarray(r + b[0].T @ cost_to_go @ b[0]), np.asarray(cost_to_go)
 
     def linearise(self, states: Array, controls: Array, contexts: Array) -> tuple[Array, Array]:
         """Derivatives A (B, nx, nx) and B (B, nx, nu) of the step of ``dt`` seconds.

@@ -22,6 +22,7 @@ from moe_policy.control.observations import split
 from moe_policy.control.policy import ModelPolicy
 from moe_policy.control.projection import project
 from moe_policy.control.resampling import Resampler
+from moe_policy.control.watch import Watched
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.protocols import Planner, Schedule
 from ocp_envs.problem import OptimalControlProblem
@@ -160,9 +161,10 @@ class TrackingPolicy(ModelPolicy):
             np.clip(duration, *problem.duration),
         )
 
-    def schedule(self, state: Tracking) -> Schedule:
-        """When the plans of a recurrent ``state`` end and are evaluated."""
-        return state.schedule
+    def schedule(self, state: Tracking | Watched) -> Schedule:
+        """When the plans of a recurrent ``state`` of this policy or of its ``predict`` end and are evaluated."""
+        own: Tracking = state.inner if isinstance(state, Watched) else state
+        return own.schedule
 
     def act(self, observations: NDArray[np.floating], state: Tracking | None, begins: Bools) -> tuple[Array, Tracking]:
         x, contexts = split(self.problem, observations)

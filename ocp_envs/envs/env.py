@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.actions import controls_of
 from ocp_envs.envs.options import RENDER_MODES, EnvOptions, problem_of, refuse_unknown
-from ocp_envs.envs.outcome import Info
+from ocp_envs.envs.outcome import LEFT_BOX, Info
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Episodes, Plant
 from ocp_envs.envs.resets import given_parameters
@@ -63,11 +63,11 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
     ## Episode End
 
     Terminated: the state is in the goal ball at the end of a control step (unless ``terminate_at_goal=False``), or it
-    left the operating box (``info["left_box"]``). Truncated: ``time_limit`` seconds have passed, or
+    left the operating box (``info["failure"] == "left_box"``). Truncated: ``time_limit`` seconds have passed, or
     ``max_episode_steps`` control steps.
 
     ``info`` of a reset and of every step: ``parameters`` (np,), ``is_success`` (in the goal ball), ``cost`` (of the
-    control step), ``left_box`` (the step left the operating box) and, where there is a path constraint, ``violation``
+    control step), ``failure`` (``"left_box"`` or ``""``) and, where there is a path constraint, ``violation``
     (how far it is violated at the end of the step).
 
     ## Arguments
@@ -162,7 +162,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         self._pictures.begin(_ROW)
         self._pictures.update()
         info: Info = {"parameters": self.parameters, "is_success": bool(self._plant.inside_goal(_ROW)[0]), "cost": 0.0}
-        info["left_box"] = False
+        info["failure"] = ""
         violation = self._plant.violation(_ROW)
         if violation is not None:
             info["violation"] = float(violation[0])
@@ -192,7 +192,8 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         cost, reached, left_box = step.cost.item(), step.reached.item() > 0, step.left_box.item() > 0
         if left_box:
             cost = float(options.charge(self._steps))
-        info: Info = {"parameters": self.parameters, "is_success": reached, "cost": cost, "left_box": left_box}
+        info: Info = {"parameters": self.parameters, "is_success": reached, "cost": cost}
+        info["failure"] = LEFT_BOX if left_box else ""
         if options.problem.n_clearances:
             info["violation"] = step.violation.item()
         self._steps += 1

@@ -14,6 +14,9 @@ from ocp_envs.support.rows import Batch
 #: Gymnasium's type of ``info`` and of the options of a reset.
 Info = dict[str, Any]
 
+#: ``info["failure"]`` of a control step that left the operating box; it is empty in all others.
+LEFT_BOX = "left_box"
+
 
 @dataclass(frozen=True, eq=False)
 class Outcome(Batch):
@@ -41,14 +44,15 @@ class Outcome(Batch):
         """``info`` of the ``rows`` (n,) in Gymnasium's vector convention: arrays, and masks under ``_key``."""
         if not rows.any():
             return {}
-        values: dict[str, Array | Bools] = {"parameters": self.parameters, "is_success": self.reached}
-        values |= {"cost": self.cost, "left_box": self.left_box}
+        values: dict[str, NDArray[Any]] = {"parameters": self.parameters, "is_success": self.reached}
+        values |= {"cost": self.cost, "failure": np.where(self.left_box, LEFT_BOX, "").astype(object)}
         if self.violation is not None:
             values["violation"] = self.violation
         info: Info = {}
         for key, value in values.items():
             shown = rows if value.ndim == 1 else rows[:, None]
-            info[key] = np.where(shown, value, np.zeros((), dtype=value.dtype))
+            nothing: Any = None if value.dtype == object else np.zeros((), dtype=value.dtype)
+            info[key] = np.where(shown, value, nothing)
             info[f"_{key}"] = rows.copy()
         if (invalid := self.invalid & rows).any():
             info["invalid_action"], info["_invalid_action"] = invalid, invalid.copy()

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from moe_policy.control import lqr
 from moe_policy.control.lqr import Regulator
 from moe_policy.control.resampling import Resampler
 from moe_policy.control.tracking import TrackingPolicy
@@ -21,7 +20,7 @@ def test_a_regulator_that_cannot_be_computed_is_refused_in_words(monkeypatch):
     def fails(*arguments):
         raise np.linalg.LinAlgError("failed to find a finite solution")
 
-    monkeypatch.setattr(lqr, "solve_discrete_are", fails)
+    monkeypatch.setattr(control, "dlqr", fails)
     with pytest.raises(ValueError, match=r"no linear regulator that holds the goal with dt = 0.02 s .*declare hold"):
         Regulator(PENDULUM, 0.02)
 

@@ -122,7 +122,7 @@ def test_goal_terminates_unless_told_otherwise(problem):
         np.testing.assert_array_equal(env.state, problem.goal.state)
         _, _, terminated, truncated, info = env.step(problem.goal.control.astype(np.float32))
         assert (terminated, truncated, info["is_success"]) == (stop, False, True)
-        assert not info["left_box"]
+        assert info["failure"] == ""
 
 
 def test_time_limit_is_in_seconds_whatever_the_control_step():
@@ -147,7 +147,7 @@ def test_leaving_the_box_costs_more_than_anything_that_stays():
         _, reward, terminated, truncated, info = env.step(np.ones(1))
         total -= reward
         steps += 1
-    assert info["left_box"]
+    assert info["failure"] == "left_box"
     assert not truncated
     assert not info["is_success"]
     assert info["cost"] == pytest.approx(largest_cost_rate(PENDULUM) * (20.0 - 0.1 * (steps - 1)))
@@ -288,6 +288,6 @@ def test_info_of_a_reset_tells_of_the_initial_state():
     with pytest.raises(ValueError, match=r"begin where no episode can: clearance 0 is -0\.75"):
         env.reset(options={"parameters": [0.25, 0.0]})
     info = env.reset(options={"parameters": [1.5, 0.0]})[1]
-    assert (info["violation"], info["is_success"], info["cost"], info["left_box"]) == (0.0, False, 0.0, False)
+    assert (info["violation"], info["is_success"], info["cost"], info["failure"]) == (0.0, False, 0.0, "")
     info = env.reset(options={"parameters": [np.pi, 0.0]})[1]
     assert (info["violation"], info["is_success"]) == (0.0, True)

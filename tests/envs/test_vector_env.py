@@ -109,7 +109,7 @@ def test_equals_sync_vector_env_at_the_goal_and_outside_the_box(mode):
         assert_equal_step(step, expected)
         info = step[4].get("final_info", step[4])
         reached += int((info.get("is_success", np.zeros(ROWS, bool))).sum())
-        failed += int((info.get("left_box", np.zeros(ROWS, bool))).sum())
+        failed += int((info.get("failure", np.full(ROWS, "")) == "left_box").sum())
         for envs in (ours, sync):
             restart_ended(envs, step[2].copy(), step[3].copy())
     assert reached > 0

@@ -57,7 +57,7 @@ def test_leaving_the_box_is_an_end_with_its_cause():
         if dones.any():
             break
     row = int(np.flatnonzero(dones)[0])
-    assert infos[row]["left_box"]
+    assert infos[row]["failure"] == "left_box"
     assert not infos[row]["TimeLimit.truncated"]
 
 
