@@ -24,7 +24,7 @@ from moe_policy.control.projection import project
 from moe_policy.control.resampling import Resampler
 from moe_policy.control.watch import Watched
 from moe_policy.control.weights import TrackingWeights
-from moe_policy.protocols import Planner, Schedule
+from moe_policy.protocols import Planner, Schedule, State
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.rows import Batch
@@ -161,7 +161,7 @@ class TrackingPolicy(ModelPolicy):
             np.clip(duration, *problem.duration),
         )
 
-    def schedule(self, state: Tracking | Watched) -> Schedule:
+    def schedule(self, state: State) -> Schedule:
         """When the plans of a recurrent ``state`` of this policy or of its ``predict`` end and are evaluated."""
         own: Tracking = state.inner if isinstance(state, Watched) else state
         return own.schedule
