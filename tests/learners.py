@@ -1,8 +1,9 @@
 """What the tests of reinforcement learning share: settings that train within seconds, environments and a policy."""
 
+import itertools
+
 import gymnasium as gym
 import numpy as np
-import torch
 
 from moe_policy.rl.actor import Actor, LearnedPolicy
 from moe_policy.rl.settings import PPOSettings, SACSettings
@@ -24,9 +25,14 @@ def make_envs(problem, count, **arguments):
     return gym.make_vec(problem.id, num_envs=count, terminate_at_goal=False, autoreset_mode="Disabled", **arguments)
 
 
+def random_actor(sizes, activation="relu", squash="tanh"):
+    source, layers = np.random.default_rng(0), tuple(itertools.pairwise(sizes))
+    weights = tuple(source.normal(size=(outputs, inputs)) / np.sqrt(inputs) for inputs, outputs in layers)
+    return Actor(weights, tuple(source.normal(size=outputs) for _, outputs in layers), activation, squash)
+
+
 def random_policy(**arguments):
-    torch.manual_seed(0)
-    return LearnedPolicy(PENDULUM, Actor([3, 8, 1], "relu", "tanh"), period=0.1, **arguments)
+    return LearnedPolicy(PENDULUM, random_actor([3, 8, 1]), period=0.1, **arguments)
 
 
 def observations(count, seed=0):

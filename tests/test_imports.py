@@ -207,6 +207,17 @@ assert "matplotlib" not in sys.modules
     subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
 
 
+def test_plans_and_actions_do_not_need_torch():
+    code = """
+import sys
+import moe_policy
+moe_policy.load("PendulumSwingup-v0", "moe-custom")([3.0, 0.0])
+moe_policy.load("PendulumSwingup-v0", "sac").predict([3.0, 0.0])
+assert "torch" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
 def test_the_version_is_that_of_the_project():
     assert "dynamic" in tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     assert ocp_envs.__version__ == moe_policy.__version__ == "0.1.0"

@@ -12,10 +12,11 @@ import pytest
 import moe_policy
 from moe_policy import model_files, store
 from moe_policy.model_files import ModelFileError
-from moe_policy.rl.actor import Actor, LearnedPolicy
+from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.store import READERS
 from ocp_envs.problems import UnknownProblemError
 from ocp_envs.problems.pendulum import PENDULUM
+from tests.learners import random_actor
 
 
 @pytest.fixture
@@ -116,7 +117,7 @@ def mistyped(part, key):
 @pytest.fixture(params=["mixture", "single", "soft", "nearest", "policy"])
 def any_model(request, planners, tmp_path):
     """A model of each kind, saved."""
-    policy = LearnedPolicy(PENDULUM, Actor((3, 8, 1), "tanh", "tanh"), period=0.04, details={"settings": {"steps": 1}})
+    policy = LearnedPolicy(PENDULUM, random_actor((3, 8, 1), "tanh"), period=0.04, details={"settings": {"steps": 1}})
     model = policy if request.param == "policy" else planners[request.param]
     model.save(tmp_path / "any")
     return tmp_path / "any.json"
@@ -187,7 +188,7 @@ def test_older_descriptions_that_make_no_model_are_refused(saved, change, match)
 
 @pytest.mark.parametrize("change", [{"period": 10**400}, {"period": "x"}, {"sizes": [3, 10**9, 1]}, {"squash": []}])
 def test_older_policies_that_make_no_policy_are_refused(tmp_path, change):
-    LearnedPolicy(PENDULUM, Actor((3, 8, 1), "tanh", "tanh"), period=0.04).save(tmp_path / "sac")
+    LearnedPolicy(PENDULUM, random_actor((3, 8, 1), "tanh"), period=0.04).save(tmp_path / "sac")
     older(tmp_path / "sac.json", **change)
     with pytest.raises(ModelFileError, match="do not fit together"):
         moe_policy.load_file(tmp_path / "sac")

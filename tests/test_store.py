@@ -10,11 +10,12 @@ from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.solver import SolverPlanner
 from moe_policy.protocols import Policy
-from moe_policy.rl.actor import Actor, LearnedPolicy
+from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.store import UnknownModelError
 from ocp_envs.problems import UnknownProblemError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
+from tests.learners import random_actor
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 
@@ -41,7 +42,7 @@ def test_what_is_not_shipped_is_unknown(name, tmp_path, monkeypatch):
 def shipped(planners, tmp_path, monkeypatch):
     """A folder of shipped models with one of every kind."""
     monkeypatch.setattr(store, "SHIPPED", tmp_path)
-    actor = LearnedPolicy(PENDULUM, Actor((3, 8, 1), "tanh", "tanh"), period=0.04, algorithm="sac", details={})
+    actor = LearnedPolicy(PENDULUM, random_actor((3, 8, 1), "tanh"), period=0.04, algorithm="sac", details={})
     for name, model in (("snn", planners["single"]), ("nearest", planners["nearest"]), ("sac", actor)):
         model.save(tmp_path / PENDULUM.id / name)
 

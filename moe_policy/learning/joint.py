@@ -9,10 +9,10 @@ The loss is the smooth L1 (β = 1) of the mixture's standardised output.
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from typing import cast
 
 from torch import Tensor
 from torch.nn import functional as F
@@ -22,7 +22,7 @@ from moe_policy.learning.fitting import Objective, minimise
 from moe_policy.learning.parts import FIRST_EXPERT, GATE, batch_order, initial_network
 from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import DEFAULT, DEFAULT_ANNEALING, Annealing, TrainingSettings
-from moe_policy.planners.calculation import DEVICE, DTYPE, training
+from moe_policy.planners.modules import MixtureModule, module_of
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Argmax, Mixing, MixtureOfExperts, Softmax, check_mixing
 from moe_policy.planners.record import PartReport
@@ -63,7 +63,7 @@ def fit_mixture_jointly(
     chosen = architecture or architecture_of(data.problem)
     gate = initial_network(layer_sizes(data.problem, chosen.gate, k), seed, GATE)
     sizes = layer_sizes(data.problem, chosen.experts.small)
-    network = MixtureOfExperts(gate, [initial_network(sizes, seed, FIRST_EXPERT + i) for i in range(k)])
+    network = MixtureModule(gate, [initial_network(sizes, seed, FIRST_EXPERT + i) for i in range(k)])
 
     def mixing(epoch: int) -> Mixing:
         return Softmax(annealing.epsilon(epoch, settings.epochs))
@@ -106,15 +106,14 @@ def retrain(
     if problem.fingerprint != planner.problem.fingerprint:
         raise ValueError(f"the planner is for {planner.problem.id}, the samples of {problem.id} or of a variant of it")
     data = Prepared.of(database, settings, seed, (planner.inputs, planner.outputs), checkpoints)
-    with training():  # copies that can be trained
-        network = copy.deepcopy(planner.network).to(DEVICE, DTYPE)
+    network = cast(MixtureModule, module_of(planner.network))
     report = _fit(data, network, lambda epoch: mixing)
     default = f"softmax-{mixing.epsilon:g}" if isinstance(mixing, Softmax) else "argmax"
     pretraining = dict(planner.details)
     return data.planner(name or f"moe-retrained-{default}", network, mixing, [report], pretraining=pretraining)
 
 
-def _fit(data: Prepared, network: MixtureOfExperts, mixing: Callable[[int], Mixing], settled: int = 0) -> PartReport:
+def _fit(data: Prepared, network: MixtureModule, mixing: Callable[[int], Mixing], settled: int = 0) -> PartReport:
     """Train ``network`` with the mixing of each epoch; weights of epochs before ``settled`` are not kept."""
 
     def loss(x: Tensor, y: Tensor, epoch: int) -> Tensor:

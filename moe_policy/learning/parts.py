@@ -18,7 +18,7 @@ from moe_policy.learning.examples import Examples
 from moe_policy.learning.fitting import Objective, minimise
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.calculation import DEVICE
-from moe_policy.planners.networks import SingleNetwork
+from moe_policy.planners.modules import SingleModule
 from moe_policy.planners.record import PartReport
 from ocp_envs.support.progress import track
 
@@ -26,7 +26,7 @@ from ocp_envs.support.progress import track
 # the single network.
 GATE, FIRST_EXPERT = 0, 1
 _WEIGHTS, _ORDER = 0, 1
-_Trained = tuple[SingleNetwork, PartReport]
+_Trained = tuple[SingleModule, PartReport]
 _Weights = dict[str, NDArray[np.float32]]
 
 
@@ -35,9 +35,9 @@ def _generator(seed: int, stream: int, purpose: int) -> torch.Generator:
     return torch.Generator(DEVICE).manual_seed(state)
 
 
-def initial_network(sizes: Sequence[int], seed: int, stream: int) -> SingleNetwork:
+def initial_network(sizes: Sequence[int], seed: int, stream: int) -> SingleModule:
     """A network of ``sizes`` with random weights from stream number ``stream`` of the training's ``seed``."""
-    return SingleNetwork(sizes, _generator(seed, stream, _WEIGHTS))
+    return SingleModule(sizes, _generator(seed, stream, _WEIGHTS))
 
 
 def batch_order(seed: int, stream: int) -> torch.Generator:
@@ -96,8 +96,8 @@ def _in_worker(part: Part) -> tuple[_Weights, PartReport]:
     return {key: value.numpy() for key, value in network.state_dict().items()}, report
 
 
-def _received(part: Part, weights: _Weights) -> SingleNetwork:
-    network = SingleNetwork(part.sizes)
+def _received(part: Part, weights: _Weights) -> SingleModule:
+    network = SingleModule(part.sizes)
     network.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
     return network
 

@@ -17,8 +17,9 @@ from moe_policy.learning.architectures import Hidden, layer_sizes
 from moe_policy.learning.examples import Examples, Split
 from moe_policy.learning.parts import Part
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.planners.modules import Module, outputs_of
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.networks import Mixing, Network, outputs_of
+from moe_policy.planners.networks import Mixing
 from moe_policy.planners.record import PartReport, TrainingReport
 from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
@@ -116,14 +117,14 @@ class Prepared:
         return self._part(name, layer_sizes(self.problem, hidden, count), stream, examples)
 
     def planner(
-        self, name: str, network: Network, mixing: Mixing, parts: Sequence[PartReport], **details: object
+        self, name: str, module: Module, mixing: Mixing, parts: Sequence[PartReport], **details: object
     ) -> NetworkPlanner:
-        """The planner called ``name``: a trained ``network``, its ``mixing``, and the record of its training with the
+        """The planner called ``name``: a trained ``module``, its ``mixing``, and the record of its training with the
         reports of its ``parts`` and further ``details``, as JSON.
         """
 
         def loss(x: Tensor, y: Tensor, epoch: int) -> Tensor:
-            return F.smooth_l1_loss(outputs_of(network, x, mixing), y)
+            return F.smooth_l1_loss(outputs_of(module, x, mixing), y)
 
         report = TrainingReport(tuple(parts), self.examples.test_loss(loss))
         record = {
@@ -133,4 +134,4 @@ class Prepared:
             **details,
             "training": report.summary() | {"peak_memory_gb": peak_memory_gb()},
         }
-        return NetworkPlanner(self.problem, name, network, self.inputs, self.outputs, mixing, record, report)
+        return NetworkPlanner(self.problem, name, module.network(), self.inputs, self.outputs, mixing, record, report)

@@ -16,8 +16,9 @@ from moe_policy.learning.clustering import Labels
 from moe_policy.learning.parts import FIRST_EXPERT, GATE, Part, train_parts
 from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import DEFAULT, TrainingSettings
+from moe_policy.planners.modules import MixtureModule
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.networks import ARGMAX, Mixing, MixtureOfExperts, check_mixing
+from moe_policy.planners.networks import ARGMAX, Mixing, check_mixing
 from ocp_envs.data.samples import Samples, SampleSource
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.checks import check_kind
@@ -105,7 +106,7 @@ def fit_mixture(
         "settings": dict(labels.settings),
     }
     default = f"moe-{labels.method}" + (f"-{labels.k}" if labels.method.startswith("kmeans") else "")
-    return data.planner(name or default, MixtureOfExperts(gate, experts), mixing, reports, clusters=clusters)
+    return data.planner(name or default, MixtureModule(gate, experts), mixing, reports, clusters=clusters)
 
 
 def _decoupled(data: Prepared, labels: Labels, architecture: Architecture) -> list[Part]:

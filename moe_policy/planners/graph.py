@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from moe_policy.planners.networks import MixtureOfExperts, Network
+from moe_policy.planners.modules import MixtureModule, Module, module_of
 
 if TYPE_CHECKING:
     from moe_policy.planners.network import NetworkPlanner
@@ -18,10 +18,10 @@ class PlannerModule(nn.Module):
     """What ``planner`` calculates, from parameters (B, np) to plans in the flat layout (B, flat_size).
 
     Turns of angles and scaling are part of it, in double precision whatever the precision of the parameters; the
-    network calculates in that of its weights. The weights are those of the planner, not copies.
+    network calculates in that of its weights, which are copies of the planner's.
     """
 
-    network: Network
+    network: Module
     first: Tensor
     end: Tensor
     low: Tensor
@@ -34,7 +34,7 @@ class PlannerModule(nn.Module):
 
     def __init__(self, planner: NetworkPlanner) -> None:
         super().__init__()
-        self.network, self.mixing = planner.network, planner.mixing
+        self.network, self.mixing = module_of(planner.network), planner.mixing
         problem, (periods, first, end) = planner.problem, planner.problem.parametrisation.turn
         in_state, slots, _ = problem.parametrisation.slots
         knots = np.arange(problem.knots)[:, None] * problem.system.nx
@@ -65,7 +65,7 @@ class PlannerModule(nn.Module):
         return z + (p - within) @ self.into_plan if self.periodic else z
 
     def _predicted(self, x: Tensor) -> Tensor:
-        if isinstance(self.network, MixtureOfExperts):
+        if isinstance(self.network, MixtureModule):
             return self.network.from_all_experts(x, self.mixing)
         return self.network(x)
 

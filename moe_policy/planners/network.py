@@ -7,27 +7,24 @@ not be the initial state. The policy that tracks the plan deals with both.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import cast
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike, NDArray
 
-from moe_policy.model_files import Json, ModelFile, write_model
-from moe_policy.planners.calculation import planning
-from moe_policy.planners.graph import PlannerModule
+from moe_policy.model_files import Json, ModelFile, Tensors, write_model
 from moe_policy.planners.networks import (
     ARGMAX,
+    Floats,
     Mixing,
     MixtureOfExperts,
     Network,
     SingleNetwork,
     Softmax,
     check_mixing,
-    count_parameters,
     outputs_of,
+    softmax,
 )
 from moe_policy.planners.record import TrainingReport
 from moe_policy.planners.scaling import Standardizer
@@ -35,6 +32,12 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.checks import check_kind
 from ocp_envs.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from torch.nn import Module
+
+#: What the names of a network's tensors begin with in a file.
+_NETWORK = "network."
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +74,8 @@ class NetworkPlanner:
         for name in ("inputs", "outputs"):
             check_kind(name, getattr(self, name), Standardizer)
         # The experts of a mixture have the same inputs and outputs.
-        experts = self.network.experts if isinstance(self.network, MixtureOfExperts) else [self.network]
-        sizes = cast(SingleNetwork, experts[0]).sizes
+        experts = self.network.experts if isinstance(self.network, MixtureOfExperts) else (self.network,)
+        sizes = experts[0].sizes
         check_mixing(self.mixing)
         networks, scalers = (sizes[0], sizes[-1]), (len(self.inputs), len(self.outputs))
         expected = (len(self.problem.parameters), self.problem.flat_size)
@@ -80,14 +83,13 @@ class NetworkPlanner:
             wanted = f"expected networks and scalers from {expected[0]} to {expected[1]} values"
             raise ValueError(f"{self.problem.id}: {wanted}, got networks {networks} and scalers {scalers}")
 
-    def _scaled(self, p: ArrayLike) -> tuple[torch.Tensor, Array]:
+    def _scaled(self, p: ArrayLike) -> tuple[Floats, Array]:
         """Inputs (B, np) of the network, and the whole turns (B, nx) from its plans to those of ``p``."""
         within, turns = self.problem.in_one_turn(p)
-        weight = self._first.weights[0]
-        return torch.from_numpy(self.inputs.scale(within)).to(weight.device, weight.dtype), turns
+        return self.inputs.scale(within).astype(np.float32), turns
 
-    def _trajectory(self, outputs: torch.Tensor, turns: Array) -> Trajectory:
-        return self.problem.unflatten(self.outputs.unscale(_array(outputs))).shifted(turns)
+    def _trajectory(self, outputs: Floats, turns: Array) -> Trajectory:
+        return self.problem.unflatten(self.outputs.unscale(outputs)).shifted(turns)
 
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), which must be finite; outside their box they are extrapolated.
@@ -95,13 +97,7 @@ class NetworkPlanner:
         The angles of p may be written in any turn; a plan begins in the turn of its p.
         """
         x, turns = self._scaled(p)
-        with planning(x.device):
-            return self._trajectory(outputs_of(self.network, x, self.mixing), turns)
-
-    @property
-    def _first(self) -> SingleNetwork:
-        """The network that sees the inputs first."""
-        return self.network.gate if isinstance(self.network, MixtureOfExperts) else self.network
+        return self._trajectory(outputs_of(self.network, x, self.mixing), turns)
 
     @property
     def _mixture(self) -> MixtureOfExperts:
@@ -112,15 +108,13 @@ class NetworkPlanner:
     def gate(self, p: ArrayLike) -> tuple[Ints, Array]:
         """The chosen expert (B,) of parameters ``p``, and the gate's probabilities softmax(c) (B, r)."""
         x, _ = self._scaled(p)
-        with planning(x.device):
-            logits = self._mixture.gate(x).cpu()
-            return logits.argmax(dim=1).numpy(), torch.softmax(logits.double(), dim=1).numpy()
+        logits = self._mixture.gate(x)
+        return logits.argmax(axis=1), softmax(logits)
 
     def experts(self, p: ArrayLike) -> tuple[Trajectory, ...]:
         """The plans of every expert for parameters ``p``, r batches of B."""
         x, turns = self._scaled(p)
-        with planning(x.device):
-            return tuple(self._trajectory(outputs, turns) for outputs in self._mixture.all_experts(x))
+        return tuple(self._trajectory(expert(x), turns) for expert in self._mixture.experts)
 
     def expert_planners(self) -> tuple[NetworkPlanner, ...]:
         """A planner for each expert of a mixture, which uses that expert alone, whatever the gate says.
@@ -128,40 +122,41 @@ class NetworkPlanner:
         Raises:
             TypeError: a single network.
         """
-        experts = cast(Iterable[SingleNetwork], self._mixture.experts)
         return tuple(
             NetworkPlanner(self.problem, f"{self.name}, expert {i}", expert, self.inputs, self.outputs)
-            for i, expert in enumerate(experts)
+            for i, expert in enumerate(self._mixture.experts)
         )
 
-    def module(self) -> torch.nn.Module:
+    def module(self) -> Module:
         """This planner as a PyTorch module from p (B, np) to flat plans (B, flat_size), for export.
 
         Its graph, recorded by ``torch.export``, ``torch.onnx`` or ``torch.jit.trace``, is right for every p and every
         batch size; that of a mixture evaluates all experts.
         """
+        from moe_policy.planners.graph import PlannerModule  # plans need no PyTorch
+
         return PlannerModule(self).eval()
 
     @property
     def parameters_total(self) -> int:
         """Number of weights."""
-        return count_parameters(self.network)
+        return self.network.count
 
     @property
     def parameters_active(self) -> int:
         """Largest number of weights that take part in one plan: the gate and one expert where argmax chooses."""
         if isinstance(self.network, SingleNetwork) or isinstance(self.mixing, Softmax):
             return self.parameters_total
-        return count_parameters(self.network.gate) + max(count_parameters(e) for e in self.network.experts)
+        return self.network.gate.count + max(expert.count for expert in self.network.experts)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write ``<path>.safetensors`` and ``<path>.json``."""
         network = self.network
         if isinstance(network, MixtureOfExperts):
-            sizes: Json = {"gate": network.gate.sizes, "experts": [e.sizes for e in network.experts]}
+            sizes: Json = {"gate": network.gate.sizes, "experts": [expert.sizes for expert in network.experts]}
         else:
             sizes = {"single": network.sizes}
-        tensors = {f"network.{key}": value.detach().cpu().numpy() for key, value in network.state_dict().items()}
+        tensors: dict[str, NDArray[np.floating]] = {**network.tensors(_NETWORK)}
         for name, scaler in (("inputs", self.inputs), ("outputs", self.outputs)):
             tensors |= {f"{name}.mean": np.asarray(scaler.mean), f"{name}.std": np.asarray(scaler.std)}
         description = {
@@ -173,23 +168,10 @@ class NetworkPlanner:
         write_model(path, "network", self.problem, tensors, description)
 
 
-def _array(outputs: torch.Tensor) -> NDArray[np.floating]:
-    """The values of ``outputs`` of any type on any device."""
-    plain = outputs.device.type == "cpu" and outputs.dtype is torch.float32
-    return np.asarray((outputs if plain else outputs.to("cpu", torch.float64)).numpy())
-
-
 def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlanner:
     """The planner for ``problem`` that :meth:`NetworkPlanner.save` wrote to ``file``."""
-    tensors, prefix = file.tensors, "network."
-    with torch.device("meta"):  # nothing is allocated before the sizes are known to be those of the tensors
-        network = _network(file.description["sizes"])
-    state = {
-        key.removeprefix(prefix): torch.from_numpy(np.array(value, dtype=np.float32))
-        for key, value in tensors.items()
-        if key.startswith(prefix)
-    }
-    network.load_state_dict(state, assign=True)
+    tensors = file.tensors
+    network = _network({key: value for key, value in tensors.items() if key.startswith(_NETWORK)}, file)
     return NetworkPlanner(
         problem,
         file.description["name"],
@@ -201,13 +183,20 @@ def read_network(file: ModelFile, problem: OptimalControlProblem) -> NetworkPlan
     )
 
 
-def _network(sizes: Json) -> Network:
-    """A network of these ``sizes``, as JSON."""
+def _network(tensors: Tensors, file: ModelFile) -> Network:
+    """The network of ``tensors``, which must be those of the sizes that the description in ``file`` names."""
+    sizes = file.description["sizes"]
+    network: Network
     if sizes.keys() == {"single"}:
-        return SingleNetwork(sizes["single"])
-    if sizes.keys() == {"gate", "experts"}:
-        return MixtureOfExperts(SingleNetwork(sizes["gate"]), [SingleNetwork(each) for each in sizes["experts"]])
-    raise ValueError(f"expected sizes of 'single', or of 'gate' and 'experts'; got {sorted(sizes)}")
+        network = SingleNetwork.read(tensors, sizes["single"], _NETWORK)
+    elif sizes.keys() == {"gate", "experts"}:
+        experts = (SingleNetwork.read(tensors, e, f"{_NETWORK}experts.{i}.") for i, e in enumerate(sizes["experts"]))
+        network = MixtureOfExperts(SingleNetwork.read(tensors, sizes["gate"], f"{_NETWORK}gate."), tuple(experts))
+    else:
+        raise ValueError(f"expected sizes of 'single', or of 'gate' and 'experts'; got {sorted(sizes)}")
+    if unknown := sorted(tensors.keys() - network.tensors(_NETWORK).keys()):
+        raise ValueError(f"got tensors of layers that the sizes do not name: {unknown}")
+    return network
 
 
 def _mixing(record: Json) -> Mixing:

@@ -1,29 +1,31 @@
-"""Networks: shapes and forward passes only.
+"""Networks as values: their weights, and the forward pass in NumPy.
 
 A single network is a multilayer perceptron with LeakyReLU(0.2) between its layers and a linear output. A mixture of r
 experts (Tang & Hauser, section III-C) has a gate c(p) ∈ ℝ^r and regressors y_i(p):
 
     z(p) = Σ_i P_i(p) y_i(p),   P = softmax(c / ε)   or, in the limit ε → 0,   P_i = 1 for i = argmax c, else 0
 
-With argmax each input goes through the chosen expert alone. A graph cannot be chosen by values: where one is recorded
-(``torch.export``, ``torch.onnx.export``, ``torch.jit.trace``) all experts are evaluated, and one output is selected.
+With argmax each input goes through the chosen expert alone. Everything is in single precision. PyTorch trains networks
+(:mod:`moe_policy.planners.modules`) and is not needed here: for networks of these sizes a call of PyTorch takes longer
+than the calculation.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import cast
 
-import torch
-from torch import Tensor, nn
-from torch.nn import functional as F
+import numpy as np
+from numpy.typing import NDArray
 
-from moe_policy.planners.calculation import DEVICE, DTYPE
-from ocp_envs.support.checks import check_number, check_whole
+from moe_policy.model_files import Tensors
+from ocp_envs.support.arrays import Array, Ints, frozen_array
+from ocp_envs.support.checks import check_kind, check_number
 
 NEGATIVE_SLOPE = 0.2
+Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -51,99 +53,169 @@ def check_mixing(mixing: object) -> None:
         raise TypeError(f"expected Argmax() or Softmax(epsilon) of moe_policy as mixing, got {mixing!r}")
 
 
-class SingleNetwork(nn.Module):
+def checked_layers(weights: object, biases: object) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+    """Read-only copies, in single precision, of the ``weights`` (outputs, inputs) and ``biases`` (outputs,) of layers.
+
+    Raises:
+        TypeError: no sequences.
+        ValueError: no layers, or layers that do not fit together.
+    """
+    check_kind("weights", weights, Sequence)
+    check_kind("biases", biases, Sequence)
+    w, b = (tuple(frozen_array(each, np.float32) for each in cast(Sequence[Floats], v)) for v in (weights, biases))
+    shapes = [weight.shape for weight in w], [bias.shape for bias in b]
+    if not w or any(weight.ndim != 2 or not weight.size for weight in w):
+        raise ValueError(f"expected weights (outputs, inputs) of at least one layer, got {shapes[0]}")
+    inputs = [shape[1] for shape in shapes[0][1:]]
+    if shapes[1] != [shape[:1] for shape in shapes[0]] or inputs != [shape[0] for shape in shapes[0][:-1]]:
+        raise ValueError(f"weights {shapes[0]} and biases {shapes[1]} do not fit together")
+    return w, b
+
+
+def forward(
+    weights: Sequence[Floats], biases: Sequence[Floats], activation: Callable[[Floats], Floats], x: Floats
+) -> Floats:
+    """W_L σ(… σ(W_1 x + b_1) …) + b_L, (B, outputs), of the ``weights`` W, the ``biases`` b and the ``activation`` σ at
+    inputs ``x`` (B, inputs).
+    """
+    last = len(weights) - 1
+    for i, (weight, bias) in enumerate(zip(weights, biases)):
+        x = x @ weight.T
+        x += bias
+        if i < last:
+            x = activation(x)
+    return x
+
+
+def _leaky_relu(x: Floats) -> Floats:
+    return np.maximum(x, NEGATIVE_SLOPE * x)
+
+
+@dataclass(frozen=True, eq=False)
+class SingleNetwork:
     """A multilayer perceptron.
 
     Args:
-        sizes: sizes of all layers, input and output included, such as ``(2, 300, 75)``.
-        generator: source of the initial weights, uniform in ±1/√(inputs of the layer) (PyTorch's own default for linear
-            layers, drawn without touching the global state); ``None`` leaves them zero, to be loaded.
+        weights: those of every layer, each (outputs, inputs); kept in single precision.
+        biases: those of every layer, each (outputs,).
+
+    Raises:
+        ValueError: no layers, or layers that do not fit together.
     """
 
-    def __init__(self, sizes: Sequence[int], generator: torch.Generator | None = None) -> None:
-        super().__init__()
-        if len(sizes) < 2 or min(sizes) < 1:
-            raise ValueError(f"sizes must name at least an input and an output layer, all positive; got {sizes}")
-        for size in sizes:
-            check_whole("a layer's size", size)
-        self.sizes = tuple(int(size) for size in sizes)
-        self.weights = nn.ParameterList()
-        self.biases = nn.ParameterList()
-        for inputs, outputs in zip(self.sizes[:-1], self.sizes[1:]):
-            bound = 1 / math.sqrt(inputs)
-            for parameters, shape in ((self.weights, (outputs, inputs)), (self.biases, (outputs,))):
-                with torch.inference_mode(False):  # such parameters can be trained later
-                    values = torch.zeros(shape, dtype=DTYPE, device=DEVICE)
-                    if generator is not None:
-                        values.uniform_(-bound, bound, generator=generator)
-                    parameters.append(nn.Parameter(values))
+    weights: tuple[Floats, ...]
+    biases: tuple[Floats, ...]
 
-    def forward(self, x: Tensor) -> Tensor:
+    def __post_init__(self) -> None:
+        for name, values in zip(("weights", "biases"), checked_layers(self.weights, self.biases)):
+            object.__setattr__(self, name, values)
+
+    @cached_property
+    def sizes(self) -> tuple[int, ...]:
+        """Sizes of all layers, input and output included, such as ``(2, 300, 75)``."""
+        return (int(self.weights[0].shape[1]), *(len(weight) for weight in self.weights))
+
+    @property
+    def count(self) -> int:
+        """Number of weights and biases."""
+        return sum(each.size for each in (*self.weights, *self.biases))
+
+    def __call__(self, x: Floats) -> Floats:
         """Outputs (B, sizes[-1]) of inputs ``x`` (B, sizes[0])."""
-        last = len(self.weights) - 1
-        # Iterating over a ParameterList takes as long as the layers themselves.
-        parameters = zip(self.weights._parameters.values(), self.biases._parameters.values())
-        for i, (weight, bias) in enumerate(parameters):
-            x = F.linear(x, cast(Tensor, weight), bias)
-            if i < last:
-                x = F.leaky_relu(x, NEGATIVE_SLOPE)
-        return x
+        return forward(self.weights, self.biases, _leaky_relu, x)
+
+    def tensors(self, prefix: str = "") -> dict[str, Floats]:
+        """Weights and biases by name, each name after ``prefix``."""
+        return {
+            f"{prefix}{kind}.{i}": value
+            for kind, values in (("weights", self.weights), ("biases", self.biases))
+            for i, value in enumerate(values)
+        }
+
+    @classmethod
+    def read(cls, tensors: Tensors, sizes: Sequence[int], prefix: str = "") -> SingleNetwork:
+        """The network of ``sizes`` whose :meth:`tensors` with ``prefix`` are among ``tensors``.
+
+        Raises:
+            KeyError: a tensor is missing.
+            ValueError: they are those of other sizes.
+        """
+        layers = range(len(sizes) - 1)
+        weights, biases = ([tensors[f"{prefix}{kind}.{i}"] for i in layers] for kind in ("weights", "biases"))
+        network = cls(tuple(weights), tuple(biases))
+        if network.sizes != tuple(sizes):
+            raise ValueError(f"expected layers of sizes {tuple(sizes)}, got {network.sizes}")
+        return network
 
 
-class MixtureOfExperts(nn.Module):
+@dataclass(frozen=True, eq=False)
+class MixtureOfExperts:
     """A ``gate`` from inputs to r logits and its r ``experts``, which may have hidden layers of different sizes."""
 
-    def __init__(self, gate: SingleNetwork, experts: Sequence[SingleNetwork]) -> None:
-        super().__init__()
-        if not experts or gate.sizes[-1] != len(experts):
-            raise ValueError(f"a gate with {gate.sizes[-1]} logits needs as many experts, got {len(experts)}")
-        sizes = [expert.sizes for expert in experts]
-        if {(each[0], each[-1]) for each in sizes} != {(gate.sizes[0], sizes[0][-1])}:
-            raise ValueError(f"gate {gate.sizes} and experts {sizes} must share their inputs, experts their outputs")
-        self.gate = gate
-        self.experts = nn.ModuleList(experts)
-        self.outputs = experts[0].sizes[-1]
+    gate: SingleNetwork
+    experts: tuple[SingleNetwork, ...]
 
-    def forward(self, x: Tensor, mixing: Mixing) -> Tensor:
+    def __post_init__(self) -> None:
+        check_kind("experts", self.experts, Sequence)
+        object.__setattr__(self, "experts", tuple(self.experts))
+        for network in (self.gate, *self.experts):
+            check_kind("gate and experts", network, SingleNetwork)
+        check_mixture(self.gate.sizes, [expert.sizes for expert in self.experts])
+
+    @property
+    def count(self) -> int:
+        """Number of weights and biases."""
+        return self.gate.count + sum(expert.count for expert in self.experts)
+
+    def __call__(self, x: Floats, mixing: Mixing) -> Floats:
         """Outputs (B, R) of inputs ``x`` (B, inputs), combined by ``mixing``."""
         check_mixing(mixing)
-        if isinstance(mixing, Softmax) or torch.compiler.is_exporting() or torch.jit.is_tracing():
-            return self.from_all_experts(x, mixing)
-        return self._from_chosen_experts(x, self.gate(x).argmax(dim=1))
-
-    def from_all_experts(self, x: Tensor, mixing: Mixing) -> Tensor:
-        """:meth:`forward` of ``x`` and ``mixing`` by a calculation that does not depend on the values of ``x``: all
-        experts are evaluated.
-        """
-        logits, outputs = self.gate(x), self.all_experts(x)
+        logits = self.gate(x)
         if isinstance(mixing, Softmax):
-            probabilities = torch.softmax(logits / mixing.epsilon, dim=1)
-            return torch.einsum("bk,kbr->br", probabilities, outputs)
-        choice = logits.argmax(dim=1)[None, :, None]
-        return outputs.gather(0, choice.expand(1, -1, self.outputs))[0]
+            probabilities = softmax(logits / mixing.epsilon).astype(np.float32)
+            return np.asarray(np.einsum("bk,kbr->br", probabilities, self.all_experts(x)))
+        return self._from_chosen_experts(x, logits.argmax(axis=1))
 
-    def _from_chosen_experts(self, x: Tensor, choice: Tensor) -> Tensor:
+    def _from_chosen_experts(self, x: Floats, choice: Ints) -> Floats:
         """Outputs (B, R) of the expert ``choice`` (B,) of each input ``x``, from that expert alone."""
         if len(x) == 1:
-            return cast(Tensor, self.experts[int(choice)](x))
-        sizes = torch.bincount(choice, minlength=len(self.experts)).tolist()
-        order = choice.argsort(stable=True)
-        parts = [expert(part) for expert, part in zip(self.experts, x[order].split(sizes)) if len(part)]
-        return torch.cat(parts)[order.argsort()] if parts else x.new_zeros(0, self.outputs)
+            return self.experts[choice[0]](x)
+        outputs = np.empty((len(x), self.experts[0].sizes[-1]), np.float32)
+        for i, expert in enumerate(self.experts):
+            rows = np.flatnonzero(choice == i)
+            if len(rows):
+                outputs[rows] = expert(x[rows])
+        return outputs
 
-    def all_experts(self, x: Tensor) -> Tensor:
+    def all_experts(self, x: Floats) -> Floats:
         """Predictions of every expert, (r, B, R), of inputs ``x`` (B, inputs)."""
-        return torch.stack([expert(x) for expert in self.experts])
+        return np.stack([expert(x) for expert in self.experts])
 
-
-def count_parameters(module: nn.Module) -> int:
-    """Number of trainable values of ``module``."""
-    return sum(parameter.numel() for parameter in module.parameters())
+    def tensors(self, prefix: str = "") -> dict[str, Floats]:
+        """Weights and biases by name, each name after ``prefix``."""
+        found = self.gate.tensors(f"{prefix}gate.")
+        for i, expert in enumerate(self.experts):
+            found |= expert.tensors(f"{prefix}experts.{i}.")
+        return found
 
 
 Network = SingleNetwork | MixtureOfExperts
 
 
-def outputs_of(network: Network, x: Tensor, mixing: Mixing) -> Tensor:
+def check_mixture(gate: Sequence[int], experts: Sequence[Sequence[int]]) -> None:
+    """Refuse with a ValueError layer sizes of a ``gate`` and of ``experts`` that make no mixture."""
+    if not experts or gate[-1] != len(experts):
+        raise ValueError(f"a gate with {gate[-1]} logits needs as many experts, got {len(experts)}")
+    if {(each[0], each[-1]) for each in experts} != {(gate[0], experts[0][-1])}:
+        raise ValueError(f"gate {gate} and experts {list(experts)} must share their inputs, experts their outputs")
+
+
+def softmax(logits: Floats) -> Array:
+    """exp(c) / Σ exp(c) of the rows of ``logits`` c (B, r), in double precision."""
+    exponentials = np.exp(np.float64(logits - logits.max(axis=1, keepdims=True)))
+    return np.asarray(exponentials / exponentials.sum(axis=1, keepdims=True))
+
+
+def outputs_of(network: Network, x: Floats, mixing: Mixing) -> Floats:
     """Outputs (B, R) of inputs ``x`` (B, inputs) from a ``network`` of either kind; ``mixing`` is for mixtures."""
     return network(x, mixing) if isinstance(network, MixtureOfExperts) else network(x)

@@ -4,69 +4,90 @@
 
 with φ and the scaling of :mod:`moe_policy.rl.features`; σ and squash are ReLU and tanh for SAC, tanh and a clip
 for PPO. The actor decides every ``period`` seconds and its control is held in between, so a policy trained with
-ten decisions a second acts in an environment with fifty control steps a second. Running it needs torch, but not
-Stable-Baselines3.
+ten decisions a second acts in an environment with fifty control steps a second. Running it needs neither
+PyTorch nor Stable-Baselines3.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 import numpy as np
-import torch
 from numpy.typing import ArrayLike, NDArray
-from torch import Tensor, nn
 
 from moe_policy.control.policy import ModelPolicy
 from moe_policy.model_files import ModelFile, write_model
-from moe_policy.planners.calculation import DEVICE, DTYPE, planning
+from moe_policy.planners.networks import Floats, checked_layers, forward
 from moe_policy.rl.features import Actions, Features
 from ocp_envs.control_step import checked_dt
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools, Ints
 
-ACTIVATIONS: dict[str, type[nn.Module]] = {"relu": nn.ReLU, "tanh": nn.Tanh}
-SQUASHES: dict[str, type[nn.Module]] = {"tanh": nn.Tanh, "clip": nn.Hardtanh}
+if TYPE_CHECKING:
+    from torch.nn import Linear
+
+_Function = Callable[[Floats], Floats]
+#: What a layer's weights and biases are called by PyTorch, and in files.
+_TENSORS = ("weight", "bias")
+#: Activations of the hidden layers, and maps of actions to [-1, 1], by name.
+ACTIVATIONS: Mapping[str, _Function] = MappingProxyType({"relu": lambda x: np.maximum(x, 0), "tanh": np.tanh})
+SQUASHES: Mapping[str, _Function] = MappingProxyType({"tanh": np.tanh, "clip": lambda x: np.clip(x, -1, 1)})
 
 
-class Actor(nn.Module):
-    """The mean action of a policy: features (B, n) → actions (B, nu) in [-1, 1].
+@dataclass(frozen=True, eq=False)
+class Actor:
+    """The mean action of a policy: features (B, n) → actions (B, nu) in [-1, 1], in single precision.
 
-    ``sizes`` are the neurons of every layer, features first and actions last; ``activation`` is that of the hidden
-    layers, ``"relu"`` or ``"tanh"``; ``squash`` maps actions to [-1, 1], ``"tanh"`` or ``"clip"``.
+    Args:
+        weights: those of every layer, each (outputs, inputs).
+        biases: those of every layer, each (outputs,).
+        activation: that of the hidden layers, ``"relu"`` or ``"tanh"``.
+        squash: maps actions to [-1, 1], ``"tanh"`` or ``"clip"``.
 
     Raises:
-        ValueError: fewer than two sizes, or an unknown activation or squash.
+        ValueError: no layers, layers that do not fit together, or an unknown activation or squash.
     """
 
-    def __init__(self, sizes: Sequence[int], activation: str, squash: str) -> None:
-        super().__init__()
-        if len(sizes) < 2 or activation not in ACTIVATIONS or squash not in SQUASHES:
-            raise ValueError(
-                f"expected at least two sizes, an activation of {sorted(ACTIVATIONS)} and a squash of "
-                f"{sorted(SQUASHES)}; got {list(sizes)}, {activation!r}, {squash!r}"
-            )
-        self.sizes, self.activation, self.squash = tuple(int(n) for n in sizes), activation, squash
-        self.layers = nn.ModuleList(
-            nn.Linear(a, b, device=DEVICE, dtype=DTYPE) for a, b in zip(self.sizes[:-1], self.sizes[1:])
-        )
-        self._hidden, self._last = ACTIVATIONS[activation](), SQUASHES[squash]()
+    weights: tuple[Floats, ...]
+    biases: tuple[Floats, ...]
+    activation: str
+    squash: str
 
-    def forward(self, features: Tensor) -> Tensor:
-        for layer in self.layers[:-1]:
-            features = self._hidden(layer(features))
-        return self._last(self.layers[-1](features))
+    def __post_init__(self) -> None:
+        for name, values in zip(("weights", "biases"), checked_layers(self.weights, self.biases)):
+            object.__setattr__(self, name, values)
+        if self.activation not in ACTIVATIONS or self.squash not in SQUASHES:
+            raise ValueError(
+                f"expected an activation of {sorted(ACTIVATIONS)} and a squash of {sorted(SQUASHES)}; "
+                f"got {self.activation!r} and {self.squash!r}"
+            )
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """The neurons of every layer, features first and actions last."""
+        return (int(self.weights[0].shape[1]), *(len(weight) for weight in self.weights))
+
+    @property
+    def count(self) -> int:
+        """Number of weights and biases."""
+        return sum(values.size for values in (*self.weights, *self.biases))
+
+    def __call__(self, features: Floats) -> Floats:
+        """Actions (B, nu) of ``features`` (B, n)."""
+        return SQUASHES[self.squash](forward(self.weights, self.biases, ACTIVATIONS[self.activation], features))
 
     @classmethod
-    def of_layers(cls, layers: Sequence[nn.Linear], activation: str, squash: str) -> Actor:
-        """An actor with copies of the weights of ``layers``, with the ``activation`` and ``squash`` of the class."""
-        actor = cls([layers[0].in_features, *(layer.out_features for layer in layers)], activation, squash)
-        for own, given in zip(actor.layers, layers):
-            own.load_state_dict(given.state_dict())
-        return actor
+    def of_layers(cls, layers: Sequence[Linear], activation: str, squash: str) -> Actor:
+        """An actor with copies of the weights of PyTorch's ``layers``, with the ``activation`` and ``squash`` of the
+        class.
+        """
+        weights, biases = ([getattr(layer, name).detach().cpu().numpy() for layer in layers] for name in _TENSORS)
+        return cls(tuple(weights), tuple(biases), activation, squash)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,12 +129,12 @@ class LearnedPolicy(ModelPolicy):
             wanted = f"from {expected[0]} features to {expected[1]} actions"
             raise ValueError(f"{problem.id}: expected an actor {wanted}, got layers of {actor.sizes}")
         self._steps = _whole_steps(problem, period, dt)
-        self.problem, self.actor, self.period, self.dt = problem, actor.eval(), float(period), float(dt)
+        self.problem, self.actor, self.period, self.dt = problem, actor, float(period), float(dt)
         self.algorithm, self.details = algorithm, dict(details or {})
 
     @property
     def parameters_total(self) -> int:
-        return sum(p.numel() for p in self.actor.parameters())
+        return self.actor.count
 
     parameters_active = parameters_total  # every decision uses all weights
 
@@ -125,9 +146,7 @@ class LearnedPolicy(ModelPolicy):
 
     def controls(self, observation: ArrayLike) -> Array:
         """Controls (B, nu) that the actor decides at an ``observation`` (B, nx + nc)."""
-        with planning():
-            actions = self.actor(torch.from_numpy(self._features(observation)))
-        return self._actions.controls(actions.numpy())
+        return self._actions.controls(self.actor(self._features(observation)))
 
     def act(self, observations: NDArray[np.floating], state: Held | None, begins: Bools) -> tuple[Array, Held]:
         size = len(observations)
@@ -148,7 +167,11 @@ class LearnedPolicy(ModelPolicy):
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the files ``path`` + ``.safetensors`` and ``.json``; :func:`moe_policy.load_file` reads them."""
-        tensors = {name: tensor.detach().numpy() for name, tensor in self.actor.state_dict().items()}
+        tensors = {
+            f"layers.{i}.{name}": values
+            for i, layer in enumerate(zip(self.actor.weights, self.actor.biases))
+            for name, values in zip(_TENSORS, layer)
+        }
         description = {
             "algorithm": self.algorithm,
             "sizes": list(self.actor.sizes),
@@ -171,10 +194,11 @@ def _whole_steps(problem: OptimalControlProblem, period: float, dt: float) -> in
 def read_policy(file: ModelFile, problem: OptimalControlProblem) -> LearnedPolicy:
     """The policy that :meth:`LearnedPolicy.save` wrote to ``file``, for ``problem`` and its usual control period."""
     description = file.description
-    with torch.device("meta"):  # nothing is allocated before the sizes are known to be those of the tensors
-        actor = Actor(description["sizes"], description["activation"], description["squash"])
-    state = {name: torch.from_numpy(np.array(value, dtype=np.float32)) for name, value in file.tensors.items()}
-    actor.load_state_dict(state, assign=True)
+    sizes, tensors = tuple(description["sizes"]), file.tensors
+    weights, biases = (tuple(tensors[f"layers.{i}.{name}"] for i in range(len(sizes) - 1)) for name in _TENSORS)
+    actor = Actor(weights, biases, description["activation"], description["squash"])
+    if actor.sizes != sizes or len(tensors) != len(weights) + len(biases):
+        raise ValueError(f"expected layers of sizes {sizes}, got {actor.sizes} and the tensors {sorted(tensors)}")
     return LearnedPolicy(
         problem,
         actor,

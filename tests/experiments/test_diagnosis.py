@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 import moe_policy.experiments.diagnosis
 import ocp_envs
@@ -71,18 +70,12 @@ def samples(starts, mode=None, trajectory=None, problem=PROBLEM, costs=(1.0, 1.5
 
 def biased(values):
     """A network that answers ``values`` to everything."""
-    network = SingleNetwork((2, len(values)))
-    with torch.no_grad():
-        network.biases[0].copy_(torch.as_tensor(np.asarray(values, dtype=np.float32)))
-    return network
+    return SingleNetwork((np.zeros((len(values), 2)),), (values,))
 
 
 def by_side(certainty=20.0):
     """A gate whose logits are ∓ x, so that it prefers the expert of the side."""
-    gate = SingleNetwork((2, 2))
-    with torch.no_grad():
-        gate.weights[0].copy_(torch.tensor([[-certainty, 0.0], [certainty, 0.0]]))
-    return gate
+    return SingleNetwork((np.array([[-certainty, 0.0], [certainty, 0.0]]),), (np.zeros(2),))
 
 
 def mixture(gate, experts, clusters=(LEFT, RIGHT), problem=PROBLEM, mixing=ARGMAX, details=None):
@@ -170,9 +163,7 @@ def test_a_mode_without_any_sample_or_expert_is_a_lack_of_data():
 
 def test_where_clusters_are_not_modes_any_expert_may_be_right():
     wrong, spare = plans([-4.0], offset=0.5), GOOD[0]
-    gate = SingleNetwork((2, 3))
-    with torch.no_grad():
-        gate.weights[0][:2].copy_(torch.tensor([[-20.0, 0.0], [20.0, 0.0]]))
+    gate = SingleNetwork((np.array([[-20.0, 0.0], [20.0, 0.0], [0.0, 0.0]]),), (np.zeros(3),))
     experts = (wrong, GOOD[1], spare)
     kmeans = explain(PROBLEM, mixture(gate, experts, clusters=None), CASES, TRAINING)
     assert causes(kmeans) == {0: Cause.GATE, 20: Cause.GATE}

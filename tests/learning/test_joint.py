@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
-import torch
 
 from moe_policy.learning.clustering import cluster
 from moe_policy.learning.joint import fit_mixture_jointly, retrain
@@ -27,11 +27,11 @@ def test_joint_training_learns(samples):
 
 
 def test_retraining_with_argmax_leaves_the_gate(samples, pretrained):
-    before = {key: value.clone() for key, value in weights(pretrained).items()}
+    before = {key: value for key, value in weights(pretrained).items()}
     retrained = retrain(pretrained, samples, ARGMAX, settings=QUICK)
     assert equal(before, weights(pretrained))
     for key, value in weights(retrained).items():
-        assert torch.equal(value, before[key]) is key.startswith("gate"), key
+        assert np.array_equal(value, before[key]) is key.startswith("gate"), key
     assert (retrained.name, retrained.mixing) == ("moe-retrained-argmax", ARGMAX)
     assert retrained.details["pretraining"]["clusters"]["method"] == "custom"
 
@@ -39,7 +39,7 @@ def test_retraining_with_argmax_leaves_the_gate(samples, pretrained):
 @pytest.mark.parametrize("epsilon", [1.0, 0.1])
 def test_retraining_with_softmax_moves_the_gate(samples, pretrained, epsilon):
     retrained = retrain(pretrained, samples, Softmax(epsilon), settings=QUICK)
-    assert not equal(dict(retrained.network.gate.state_dict()), dict(pretrained.network.gate.state_dict()))
+    assert not equal(retrained.network.gate.tensors(), pretrained.network.gate.tensors())
     assert (retrained.name, retrained.mixing) == (f"moe-retrained-softmax-{epsilon:g}", Softmax(epsilon))
     assert retrained.outputs is pretrained.outputs
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import dataclasses
 import functools
 
@@ -92,28 +91,3 @@ def test_planners_loaded_for_inference_can_be_trained():
     with torch.inference_mode():
         loaded = moe_policy.load(PENDULUM, "moe-custom")
     retrain(loaded, fake_samples(count=60), Softmax(0.5), settings=dataclasses.replace(QUICK, epochs=1))
-
-
-@pytest.mark.parametrize(("dtype", "error"), [(torch.float64, 1e-4), (torch.bfloat16, 0.3)])
-@pytest.mark.parametrize("name", ["snn", "moe-retrained-softmax-1"])
-def test_a_network_that_was_moved_to_another_precision_plans_in_it(dtype, error, name):
-    planner = moe_policy.load(PENDULUM, name)
-    moved = dataclasses.replace(planner, network=copy.deepcopy(planner.network).to(dtype))
-    assert 0 < np.abs(moved(P).flat() - PLANS[name]).max() < error
-
-
-def test_a_network_in_double_precision_can_be_saved(tmp_path):
-    planner = moe_policy.load(PENDULUM, "moe-custom")
-    planner.network.double()
-    planner.save(tmp_path / "double")
-    again = moe_policy.load_file(tmp_path / "double", kind=moe_policy.NetworkPlanner)
-    np.testing.assert_array_equal(again(P).flat(), PLANS["moe-custom"])
-
-
-def test_plans_hardly_depend_on_the_number_of_threads():
-    threads = torch.get_num_threads()
-    try:
-        torch.set_num_threads(threads + 1)
-        np.testing.assert_allclose(moe_policy.load(PENDULUM, "snn")(P).flat(), PLANS["snn"], atol=1e-5)
-    finally:
-        torch.set_num_threads(threads)

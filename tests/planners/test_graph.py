@@ -11,6 +11,7 @@ import pytest
 import torch
 
 import moe_policy
+from moe_policy.planners.modules import module_of
 from moe_policy.planners.networks import ARGMAX, Softmax
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
@@ -68,7 +69,7 @@ def test_a_traced_module_is_the_planner_for_every_batch(kind):
 
 @pytest.mark.parametrize("mixing", [ARGMAX, Softmax(0.5)])
 def test_the_network_alone_can_be_exported_and_traced(mixing):
-    network, x = PLANNERS["argmax"].network, torch.randn(60, 2, generator=torch.Generator().manual_seed(0))
+    network, x = module_of(PLANNERS["argmax"].network), torch.randn(60, 2, generator=torch.Generator().manual_seed(0))
 
     class Mixed(torch.nn.Module):
         def __init__(self):
@@ -101,5 +102,8 @@ def test_onnx_files_are_the_planner_for_every_batch(kind):
 
 def test_the_module_has_the_weights_of_the_planner():
     planner = PLANNERS["argmax"]
-    assert planner.module().network is planner.network
+    found = planner.module().network.network().tensors()
+    assert found.keys() == planner.network.tensors().keys()
+    for name, values in planner.network.tensors().items():
+        np.testing.assert_array_equal(found[name], values)
     assert dataclasses.replace(planner, mixing=Softmax(0.5)).module().mixing == Softmax(0.5)

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import moe_policy
-from moe_policy.planners.networks import ARGMAX, Softmax, count_parameters
+from moe_policy.planners.networks import ARGMAX, Softmax
 from moe_policy.planners.scaling import Standardizer
 
 KINDS = ("single", "mixture", "soft", "nearest")
@@ -63,7 +63,7 @@ def test_single_networks_have_no_gate(planners):
 def test_parameter_counts(planners):
     gate, expert = 3 * 50 + 51 * 3, 3 * 20 + 21 * 75
     single, mixture, soft = (planners[kind] for kind in ("single", "mixture", "soft"))
-    assert single.parameters_total == single.parameters_active == count_parameters(single.network)
+    assert single.parameters_total == single.parameters_active == single.network.count
     assert mixture.parameters_total == soft.parameters_active == gate + 3 * expert
     assert mixture.parameters_active == gate + expert
 

@@ -32,7 +32,13 @@ def test_a_plan_that_failed_has_no_validation_error():
 def test_the_standardised_error_is_in_deviations_of_the_training_split():
     """A network that predicts zero is off by (y − mean) / std everywhere."""
     outputs = Standardizer(SAMPLES.trajectory.flat()[0] + 3.0, np.full(75, 2.0))
-    planner = NetworkPlanner(PENDULUM, "zero", SingleNetwork((2, 75)), Standardizer(np.zeros(2), np.ones(2)), outputs)
+    planner = NetworkPlanner(
+        PENDULUM,
+        "zero",
+        SingleNetwork((np.zeros((75, 2)),), (np.zeros(75),)),
+        Standardizer(np.zeros(2), np.ones(2)),
+        outputs,
+    )
     error = standardised_error(planner, SAMPLES.parameters[:1], SAMPLES.trajectory[:1])
     assert error == pytest.approx(1.5 - 0.5)
     wanted = torch.nn.functional.smooth_l1_loss(

@@ -36,7 +36,7 @@ def test_a_training_from_files_is_the_training_from_memory(monkeypatch):
 
     def weights():
         planners = fit_single(samples, settings=settings), fit_mixture(samples, labels, settings=settings)
-        return [value.numpy() for planner in planners for value in planner.network.state_dict().values()]
+        return [value for planner in planners for value in planner.network.tensors().values()]
 
     within = weights()
     monkeypatch.setattr(arrays, "LARGE", 0)
