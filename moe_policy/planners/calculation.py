@@ -7,7 +7,7 @@ are recorded, are left here.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 
 import torch
 
@@ -15,14 +15,10 @@ import torch
 DTYPE, DEVICE = torch.float32, torch.device("cpu")
 
 
-def planning(device: torch.device = DEVICE) -> AbstractContextManager[None]:
-    """A context without gradients, and without autocast to half precision on ``device``."""
-    return _planning_with_autocast(device) if torch.is_autocast_enabled(device.type) else torch.inference_mode()
-
-
 @contextmanager
-def _planning_with_autocast(device: torch.device) -> Iterator[None]:
-    with torch.inference_mode(), torch.autocast(device.type, enabled=False):
+def planning() -> Iterator[None]:
+    """A context without gradients, and without autocast to half precision."""
+    with torch.inference_mode(), torch.autocast(DEVICE.type, enabled=False):
         yield
 
 
