@@ -31,6 +31,8 @@ def _script(name):
 
 PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in _script("render_readme").PAGES}
 README = PAGES["README.md"]
+#: All pages, those without tables too.
+TEXTS = PAGES | {f"docs/{path.name}": path.read_text(encoding="utf-8") for path in (ROOT / "docs").glob("*.md")}
 
 
 # -- tables ------------------------------------------------------------------------------------------------------------
@@ -57,7 +59,7 @@ def test_tables_are_those_of_the_records(page, number):
 
 
 def _targets():
-    return sorted({(page, target) for page, text in PAGES.items() for target in LINK.findall(text)})
+    return sorted({(page, target) for page, text in TEXTS.items() for target in LINK.findall(text)})
 
 
 def _anchors(text):
@@ -75,10 +77,10 @@ def test_links_lead_somewhere(page, target):
     assert not anchor or anchor in _anchors(there.read_text(encoding="utf-8")), f"{page} links to {target}"
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", TEXTS)
 def test_paths_in_the_text_exist(page):
     named = set()
-    for path, placeholder in PATH.findall(PAGES[page]):
+    for path, placeholder in PATH.findall(TEXTS[page]):
         named.add(path.rpartition("/")[0] if placeholder else path.rstrip("."))
     assert named
     assert not sorted(path for path in named if not (ROOT / path).exists())
@@ -88,7 +90,7 @@ def test_paths_in_the_text_exist(page):
 
 
 def test_all_code_is_python():
-    for text in PAGES.values():
+    for text in TEXTS.values():
         for _, code in PYTHON.findall(text):
             ast.parse(code)
 
