@@ -1,3 +1,9 @@
+from moe_policy.checking.candidates import Candidates as Candidates
+from moe_policy.checking.checked import BestOf as BestOf
+from moe_policy.checking.checked import Checked as Checked
+from moe_policy.checking.remedies import Repair as Repair
+from moe_policy.checking.verdict import CheckedPlans as CheckedPlans
+from moe_policy.checking.verdict import Verdict as Verdict
 from moe_policy.control.stabiliser import Entered as Entered
 from moe_policy.control.stabiliser import Stabilised as Stabilised
 from moe_policy.control.stabiliser import Stabiliser as Stabiliser
@@ -16,6 +22,7 @@ from moe_policy.learning.settings import TrainingSettings as TrainingSettings
 from moe_policy.learning.training import fit_mixture as fit_mixture
 from moe_policy.learning.training import fit_single as fit_single
 from moe_policy.model_files import ModelFileError as ModelFileError
+from moe_policy.planners.margin import Margin as Margin
 from moe_policy.planners.margin import WithMargin as WithMargin
 from moe_policy.planners.nearest import NearestPlanner as NearestPlanner
 from moe_policy.planners.network import NetworkPlanner as NetworkPlanner

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, TypeVar, overload
 
+from moe_policy.checking import shipped as checking
 from moe_policy.model_files import ModelFile, ModelFileError, read_model
 from moe_policy.protocols import Policy
 from ocp_envs import problems
@@ -20,13 +21,14 @@ from ocp_envs.support.suggestions import did_you_mean
 if TYPE_CHECKING:
     from typing import TypeAlias
 
+    from moe_policy.checking.checked import Checked
     from moe_policy.control.stabiliser import Stabiliser
     from moe_policy.planners.nearest import NearestPlanner
     from moe_policy.planners.network import NetworkPlanner
     from moe_policy.planners.solver import SolverPlanner
     from moe_policy.rl.actor import LearnedPolicy
 
-    PlannerModel: TypeAlias = NetworkPlanner | NearestPlanner | SolverPlanner
+    PlannerModel: TypeAlias = NetworkPlanner | NearestPlanner | SolverPlanner | Checked
     PolicyModel: TypeAlias = LearnedPolicy | Stabiliser
     Model: TypeAlias = PlannerModel | PolicyModel
 
@@ -73,6 +75,13 @@ def _stabiliser(problem: OptimalControlProblem) -> Stabiliser:
     return Stabiliser(problem)
 
 
+def _checked(problem: OptimalControlProblem) -> Checked:
+    from moe_policy.planners.network import NetworkPlanner
+
+    settings = checking.SHIPPED[problem.id]
+    return settings.checked(load(problem, settings.planner, kind=NetworkPlanner), shipped_nearest(problem))
+
+
 #: What makes a model of the files of each kind.
 READERS: Mapping[str, Callable[[ModelFile, OptimalControlProblem], Model]] = MappingProxyType(
     {"network": _read_network, "nearest": _read_nearest, "rl": _read_policy}
@@ -81,6 +90,8 @@ READERS: Mapping[str, Callable[[ModelFile, OptimalControlProblem], Model]] = Map
 ALWAYS: Mapping[str, Callable[[OptimalControlProblem], Model]] = MappingProxyType(
     {"optimal": _optimal, "stabiliser": _stabiliser}
 )
+#: What makes the models that are made of other shipped models.
+COMPOSED: Mapping[str, Callable[[OptimalControlProblem], Model]] = MappingProxyType({"checked": _checked})
 
 
 def _resolved(problem: ProblemOrId) -> OptimalControlProblem:
@@ -97,6 +108,8 @@ def available(problem: ProblemOrId) -> list[str]:
     """Names that :func:`load` knows for ``problem``, or for the registered one of that id, in alphabetical order."""
     problem = _resolved(problem)
     shipped = {path.name.removesuffix(".json") for path in (SHIPPED / problem.id).glob("*.json")}
+    if problem.id in checking.SHIPPED and checking.SHIPPED[problem.id].planner in shipped:
+        shipped |= set(COMPOSED)
     # Where the goal cannot be held there is no controller that stabilises it.
     return sorted(shipped | (set(ALWAYS) if problem.hold else set(ALWAYS) - {"stabiliser"}))
 
@@ -122,7 +135,8 @@ def load(problem: ProblemOrId, name: str, *, kind: type[M] | None = None) -> Mod
     problem, names = _resolved(problem), available(problem)
     if name not in names:
         raise UnknownModelError(f"{problem.id} has no model {name!r}; {did_you_mean(name, names)}there are {names}")
-    model = ALWAYS[name](problem) if name in ALWAYS else load_file(SHIPPED / problem.id / name, problem)
+    made = {**ALWAYS, **COMPOSED}
+    model = made[name](problem) if name in made else load_file(SHIPPED / problem.id / name, problem)
     return model if kind is None else _expect(model, kind, name)
 
 

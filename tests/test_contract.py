@@ -12,7 +12,7 @@ import ocp_envs
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.solver import SolverPlanner
 from moe_policy.protocols import Policy
-from moe_policy.store import ALWAYS
+from moe_policy.store import ALWAYS, COMPOSED
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problems import BENCHMARK
@@ -31,7 +31,8 @@ PROBLEMS = tuple({problem.id: problem for problem in (*BENCHMARK, QUADCOPTER, QU
 #: Problems whose reference sets are in the package.
 REFERENCED = tuple(p for p in BENCHMARK if all(reference.path_of(p, split).exists() for split in reference.SHIPPED))
 MODELS = [(problem, name) for problem in BENCHMARK for name in moe_policy.available(problem.id)]
-FILES = [(problem, name) for problem, name in MODELS if name not in ALWAYS]
+FILES = [(problem, name) for problem, name in MODELS if name not in {*ALWAYS, *COMPOSED}]
+CHECKED = [problem for problem, name in MODELS if name == "checked"]
 
 
 def name_of(value):
@@ -181,3 +182,22 @@ def test_shipped_planners_plan_and_shipped_policies_act(problem, name):
     scale = np.ptp(np.stack([problem.parameters.lower, problem.parameters.upper]), axis=0).max()
     assert np.median(np.abs(plan.states[:, 0] - starts)) < 0.1 * scale
     assert isinstance(loaded, NearestPlanner) or loaded.details["training"]["test_error"] > 0
+
+
+@pytest.mark.parametrize("problem", CHECKED, ids=name_of)
+def test_a_plan_that_is_verified_succeeds(problem):
+    """On the model, at the plan's end, with all constraints kept on the whole path, at the cost that was predicted."""
+    planner = moe_policy.load(problem, "checked")
+    p = np.concatenate([corners_and_more(problem, 10), reference.load(problem, "outside").parameters[:6]])
+    checked = planner.check(p)
+    policy = moe_policy.TrackingPolicy(problem, moe_policy.StoredPlans(p, checked.trajectory), planner.dt)
+    episodes = moe_policy.rollout(moe_policy.environments(problem, len(p), planner.dt), policy, p)
+    good = checked.verified
+    assert good.sum() >= 10
+    assert (episodes.plan_end_error[good] < problem.goal.radius).all()
+    assert not episodes.left_box[good].any()
+    assert (episodes.violation[good] == 0).all()
+    assert (np.nan_to_num(episodes.knot_violation[good]) == 0).all()
+    np.testing.assert_allclose([v.cost for v in checked.verdicts if v.verified], episodes.cost[good], rtol=1e-6)
+    np.testing.assert_array_equal(checked.trajectory.finite, good)
+    assert all(verdict.reason for verdict in checked.verdicts if not verdict.verified)

@@ -53,6 +53,7 @@ WINGS = {
     "moe_policy.learning": None,
     "moe_policy.control": None,
     "moe_policy.rollouts": None,
+    "moe_policy.checking": None,
     "moe_policy.rl": None,
     "store": ("store",),
     "moe_policy": ("",),

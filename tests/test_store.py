@@ -5,6 +5,7 @@ import pytest
 
 import moe_policy
 from moe_policy import store
+from moe_policy.checking.shipped import SHIPPED
 from moe_policy.control.stabiliser import Stabiliser
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
@@ -23,7 +24,7 @@ def test_shipped_models_are_found_by_name(planners, tmp_path, monkeypatch):
     mixture = planners["mixture"]
     monkeypatch.setattr(store, "SHIPPED", tmp_path)
     mixture.save(tmp_path / PENDULUM.id / "moe-custom")
-    assert moe_policy.available(PENDULUM.id) == ["moe-custom", "optimal", "stabiliser"]
+    assert moe_policy.available(PENDULUM.id) == ["moe-custom", "optimal", "stabiliser"]  # no mixture to be checked
     assert moe_policy.load(PENDULUM.id, "moe-custom").parameters_total == mixture.parameters_total
     with pytest.raises(UnknownModelError, match="did you mean 'moe-custom'"):
         moe_policy.load(PENDULUM.id, "moe-costum")
@@ -70,6 +71,7 @@ def test_every_kind_of_model_is_loaded_as_its_class(shipped, name, kind):
 def test_every_kind_of_file_and_every_name_without_files_was_tried():
     assert set(store.READERS) == {"network", "nearest", "rl"}
     assert set(store.ALWAYS) == {"optimal", "stabiliser"}
+    assert set(store.COMPOSED) == {"checked"}
 
 
 def test_a_problem_and_its_id_mean_the_same(shipped):
@@ -107,3 +109,12 @@ def test_planners_and_policies_are_told_apart(shipped):
         moe_policy.load_planner(PENDULUM, "sac")
     with pytest.raises(TypeError, match="optimal is a planner, expected a policy; use load_planner"):
         moe_policy.load_policy(PENDULUM, "optimal")
+
+
+def test_the_checked_planner_wraps_a_shipped_mixture(shipped, planners):
+    name = SHIPPED[PENDULUM.id].planner
+    assert "checked" not in moe_policy.available(PENDULUM)
+    planners["mixture"].save(store.SHIPPED / PENDULUM.id / name)
+    checked = moe_policy.load(PENDULUM, "checked", kind=moe_policy.Checked)
+    assert checked.planner.parameters_total == planners["mixture"].parameters_total
+    assert len(checked.nearest.parameters) == 150

@@ -7,6 +7,8 @@ the longer path.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -14,6 +16,20 @@ from moe_policy.protocols import Planner
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.checks import check_number
 from ocp_envs.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Margin:
+    """A margin on a constraint: plans are made for a larger ``parameter``, such as ``"radius"``, by ``amount``.
+
+    The amount has the parameter's unit; a TypeError or a ValueError where it is no finite number.
+    """
+
+    parameter: str
+    amount: float
+
+    def __post_init__(self) -> None:
+        check_number("amount", self.amount)
 
 
 class WithMargin:

@@ -16,7 +16,8 @@ class Violations:
 
     Episodes begin at ``states`` (B, nx) in ``contexts`` (B, nc). The attributes ``path`` and ``knots`` (B,) are the
     maxima over the control steps of ``dt`` seconds and over the plan's knots, which are ``knot_step`` (B,) seconds
-    apart; ``knot_step`` and ``knots`` are NaN without a plan.
+    apart; ``knot_step`` and ``knots`` are NaN without a plan. ``clearance`` (B,) is the smallest clearance at both,
+    +inf without constraints.
     """
 
     def __init__(
@@ -24,19 +25,23 @@ class Violations:
     ) -> None:
         self.problem, self.dt, self.contexts, self.knot_step = problem, dt, contexts, knot_step
         self._clearances = problem.batch_clearances() if problem.n_clearances else None
-        self.path = self._at(states, contexts)
+        self.clearance = self._at(states, contexts)
+        self.path = np.maximum(0.0, -self.clearance)
         self.knots = np.where(np.isnan(knot_step), np.nan, self.path)
 
     def _at(self, states: Array, contexts: Array) -> Array:
+        """The smallest clearance at ``states`` (B, nx) in ``contexts`` (B, nc), (B,)."""
         if self._clearances is None:
-            return np.zeros(len(states))
-        return np.maximum(0.0, -self._clearances(states, contexts)[0].min(axis=1))
+            return np.full(len(states), np.inf)
+        return np.asarray(self._clearances(states, contexts)[0].min(axis=1))
 
     def add(self, step: int, running: Bools, before: Array, after: Array) -> None:
         """Add control step number ``step``, from ``before`` to ``after`` (B, nx), to the ``running`` episodes (B,)."""
         if self._clearances is None:
             return
-        self.path[running] = np.maximum(self.path, self._at(after, self.contexts))[running]
+        clearance = self._at(after, self.contexts)
+        self.path[running] = np.maximum(self.path, -clearance)[running]
+        self.clearance[running] = np.minimum(self.clearance, clearance)[running]
         # Knots lie between control steps, over which the path is close to its chord. One knot is considered in each
         # control step, so of several knots in one it is the last.
         knot = np.floor(step * self.dt / self.knot_step + 1e-9)
@@ -44,7 +49,9 @@ class Violations:
         rows = running & (fraction > 0) & (knot < self.problem.knots)
         if rows.any():
             at_knot = before[rows] + fraction[rows, None] * (after[rows] - before[rows])
-            self.knots[rows] = np.maximum(self.knots[rows], self._at(at_knot, self.contexts[rows]))
+            clearance = self._at(at_knot, self.contexts[rows])
+            self.knots[rows] = np.maximum(self.knots[rows], -clearance)
+            self.clearance[rows] = np.minimum(self.clearance[rows], clearance)
 
 
 class Ledger:

@@ -9,15 +9,8 @@ from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.perturbations import SENSING, Perturbation
 from moe_policy.learning.architectures import Hidden
 from moe_policy.learning.settings import DEFAULT, TrainingSettings
+from moe_policy.planners.margin import Margin
 from moe_policy.rl.settings import RLSettings
-
-
-@dataclass(frozen=True)
-class Margin:
-    """What plans keep clear of the constraint: networks are asked to exceed a parameter."""
-
-    parameter: str  # name of the parameter
-    amount: float  # added to it, in its unit (:mod:`moe_policy.planners.margin`)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +20,8 @@ class Planners:
     compared: tuple[str, ...] = ("snn", "moe-custom")  # networks in all comparisons
     trained: tuple[str, ...] = ("snn", "moe-custom")  # networks that are trained over several seeds
     stored: int | None = None  # number of training solutions in the shipped nearest-neighbour planner; ``None`` for all
-    margin: Margin | None = None  # with which the compared networks have rows of their own
+    #: what plans keep clear of the constraint, with which the compared networks have rows of their own
+    margin: Margin | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,6 @@ from moe_policy.experiments.benchmark.parts import (
     Clusters,
     Figures,
     Learners,
-    Margin,
     Overview,
     Planners,
     Quick,
@@ -19,6 +18,7 @@ from moe_policy.experiments.benchmark.parts import (
 )
 from moe_policy.experiments.perturbations import SENSING, disturbance, mismatch
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.planners.margin import Margin
 from moe_policy.rl.settings import PPOSettings
 
 #: The exploration noise that parks a vehicle overturns a quadcopter, and with any noise it never enters the goal ball

@@ -1,0 +1,124 @@
+"""What is done about plans that fail in the model: a few iterations of the solver, or whole solves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from moe_policy.checking.forecast import Forecast
+from moe_policy.checking.selection import Selected, cheapest
+from moe_policy.checking.verdict import HOW
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solvers.guesses import NEAREST_WINDING
+from ocp_envs.solvers.improvement import improve, room
+from ocp_envs.solvers.solver import lent_solvers
+from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.checks import check_number, check_whole
+from ocp_envs.trajectory import Trajectory
+
+#: How much the margin grows when a repaired plan enters a constraint, as a multiple of the depth; and at least.
+_GROWTH, _LEAST = 1.5, 0.01
+
+
+@dataclass(frozen=True)
+class Repair:
+    """How plans are repaired.
+
+    Args:
+        iterations: of the solver in each round.
+        rounds: each begins where the last one ended, as long as the plan fails; 0 for no repair.
+        margin: what the path constraints have to be at least at the knots in the first round, in their unit. It grows
+            with the depth by which the tracked path enters them.
+
+    Raises:
+        TypeError, ValueError: no numbers, or out of their range.
+    """
+
+    iterations: int = 10
+    rounds: int = 3
+    margin: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_whole("iterations", self.iterations)
+        check_whole("rounds", self.rounds, 0)
+        check_number("margin", self.margin)
+        if self.margin < 0:
+            raise ValueError(f"margin: expected at least 0, got {self.margin}")
+
+
+def repaired(
+    forecast: Forecast, model: OptimalControlProblem, parameters: Array, failing: Selected, repair: Repair
+) -> tuple[Selected, Array]:
+    """The plans of ``failing``, B of them, improved as ``repair`` says until their forecast succeeds.
+
+    Args:
+        forecast: predicts episodes.
+        model: whose nonlinear program is solved.
+        parameters: of the instances, (B, np).
+        failing: the plans.
+        repair: how.
+
+    Returns:
+        the best plan of each instance, and the margin (B,) that it needs.
+    """
+    radius, best, plan = model.goal.radius, failing, failing.plan
+    margin = np.full(len(failing), repair.margin)
+    for _ in range(repair.rounds):
+        rows = np.flatnonzero(~best.predicted.success)
+        if not len(rows):
+            break
+        plan = _put(
+            plan, rows, improve(model, parameters[rows], plan[rows], repair.iterations, margin[rows]).trajectory
+        )
+        predicted = forecast(parameters[rows], plan[rows])
+        new = Selected(plan[rows], predicted, np.full(len(rows), HOW.index("repaired")), best.source[rows])
+        best = best.improved(rows, new, radius)
+        depth = np.where(np.isfinite(predicted.clearance), np.maximum(-predicted.clearance, 0.0), 0.0)
+        margin[rows] += np.where(depth > 0, np.maximum(_GROWTH * depth, _LEAST), 0.0)
+    return best, margin
+
+
+def _put(plan: Trajectory, rows: Ints, new: Trajectory) -> Trajectory:
+    mask = np.zeros(len(plan), dtype=bool)
+    mask[rows] = True
+    return plan.replaced(mask, new)
+
+
+def solved(
+    forecast: Forecast,
+    model: OptimalControlProblem,
+    parameters: Array,
+    guesses: Sequence[Trajectory],
+    margin: Array,
+    failing: Selected,
+) -> Selected:
+    """The plans of ``failing``, B of them, or solutions from ``guesses`` with a better forecast.
+
+    Args:
+        forecast: predicts episodes.
+        model: whose nonlinear program is solved.
+        parameters: of the instances, (B, np).
+        guesses: batches of B plans from which it is solved.
+        margin: on the path constraints, (B,), at most what the ends of an instance allow.
+        failing: the plans.
+    """
+    size, count = len(parameters), len(guesses)
+    row, p = np.tile(np.arange(size), count), np.tile(parameters, (count, 1))
+    with lent_solvers(model).one() as solver:
+        solutions, _ = solver.attempts(
+            p,
+            Trajectory.concatenate(guesses),
+            np.full(len(p), NEAREST_WINDING),
+            margins=np.minimum(margin, room(model, parameters))[row],
+        )
+    found = np.flatnonzero(solutions.solved)
+    if not len(found):
+        return failing
+    predicted = forecast(p[found], solutions.trajectory[found])
+    best = cheapest(predicted, row[found], model.goal.radius)
+    rows = row[found][best]
+    how = np.full(len(rows), HOW.index("solved"))
+    new = Selected(solutions.trajectory[found][best], predicted[best], how, failing.source[rows])
+    return failing.improved(rows, new, model.goal.radius)
