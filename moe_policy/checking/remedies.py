@@ -12,7 +12,7 @@ from moe_policy.checking.selection import Selected, cheapest
 from moe_policy.checking.verdict import HOW
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING
-from ocp_envs.solvers.improvement import improve, room
+from ocp_envs.solvers.improvement import improve, knot_margins
 from ocp_envs.solvers.solver import lent_solvers
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.checks import check_number, check_whole
@@ -101,7 +101,7 @@ def solved(
         model: whose nonlinear program is solved.
         parameters: of the instances, (B, np).
         guesses: batches of B plans from which it is solved.
-        margin: on the path constraints, (B,), at most what the ends of an instance allow.
+        margin: on the path constraints, (B,).
         failing: the plans.
     """
     size, count = len(parameters), len(guesses)
@@ -111,7 +111,7 @@ def solved(
             p,
             Trajectory.concatenate(guesses),
             np.full(len(p), NEAREST_WINDING),
-            margins=np.minimum(margin, room(model, parameters))[row],
+            margins=knot_margins(model, parameters, margin)[row],
         )
     found = np.flatnonzero(solutions.solved)
     if not len(found):

@@ -16,6 +16,9 @@ from ocp_envs.solvers.solver import lent_solvers
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.trajectory import Trajectory
 
+#: Knots over which a margin grows from the clearance at an end.
+RAMP = 4
+
 
 class Improved(NamedTuple):
     """B plans ``trajectory``, and which of them the solver ``converged`` to and the check of solutions passed, (B,)."""
@@ -41,10 +44,9 @@ def improve(
         plans: B trajectories.
         iterations: at most so many of the solver; ``None`` until it converges.
         margin: what the clearances at the knots k ≥ 1 have to be at least, in their unit; one for all instances or one
-            for each, (B,). Where the initial state or the goal is closer to a constraint, it is their clearance.
+            for each, (B,); less at the ends, see :func:`knot_margins`.
     """
     finite = plans.finite
-    margins = np.minimum(margin, room(problem, parameters))
     with lent_solvers(problem).one() as solver:
         solutions, ends = solver.attempts(
             parameters,
@@ -53,7 +55,7 @@ def improve(
             retry_with_fallback=False,
             rescue=False,
             iterations=iterations,
-            margins=margins,
+            margins=knot_margins(problem, parameters, margin),
         )
     states = plans.states.copy()
     states[finite, 0] = problem.start(parameters)[0][finite]
@@ -63,14 +65,23 @@ def improve(
     return Improved(trajectory, solved)
 
 
-def room(problem: OptimalControlProblem, parameters: Array) -> Array:
-    """The clearance of the initial state or of the goal, whichever is smaller and at least 0, (B,); +inf without any.
+def knot_margins(problem: OptimalControlProblem, parameters: Array, margin: Array | float) -> Array:
+    """What the clearances at the knots k ≥ 1 have to be at least for a ``margin`` (B,) or one for all, (B, N − 1).
 
-    The instances of ``problem`` have ``parameters`` (B, np).
+    It is less at the ends of the instances of ``problem`` with ``parameters`` (B, np), if the initial state or the goal
+    is closer to a constraint: from their clearance it grows to the margin over :data:`RAMP` knots.
     """
+    size, last = len(parameters), problem.knots - 1
+    wanted = np.broadcast_to(margin, (size,))[:, None]
+    knots = np.arange(1, last + 1)
     if not problem.n_clearances:
-        return np.full(len(parameters), np.inf)
+        return np.broadcast_to(wanted, (size, last))
     initial, contexts = problem.start(parameters)
     goal = np.broadcast_to(problem.goal.state, initial.shape)
-    ends = [problem.batch_clearances()(states, contexts)[0].min(axis=1) for states in (initial, goal)]
-    return np.asarray(np.maximum(np.minimum(*ends), 0.0))
+    at_start, at_goal = (
+        np.maximum(problem.batch_clearances()(states, contexts)[0].min(axis=1), 0.0)[:, None]
+        for states in (initial, goal)
+    )
+    ramp = wanted / RAMP
+    possible = np.minimum(at_start + ramp * (knots - 1), at_goal + ramp * (last - knots))
+    return np.asarray(np.minimum(wanted, possible))

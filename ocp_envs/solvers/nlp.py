@@ -86,7 +86,7 @@ class Task(NamedTuple):
     The goal state has the index ``target``. Where the primary solver does not converge, the fallback continues if
     ``retry_with_fallback``; where it breaks down, hangs or crashes, the fallback solves the task if ``rescue``.
     With a number of ``iterations`` the primary solver makes so many at most, in one attempt. The clearances at the
-    knots k ≥ 1 are at least the ``margin``, in their unit.
+    knots k ≥ 1 are at least the ``margin`` (N − 1,), in their unit, by default 0.
     """
 
     guess: Array
@@ -95,7 +95,7 @@ class Task(NamedTuple):
     retry_with_fallback: bool = True
     rescue: bool = True
     iterations: int | None = None
-    margin: float = 0.0
+    margin: Array | None = None
 
 
 class Result(NamedTuple):
@@ -230,7 +230,7 @@ class Backend:
         arguments = self._inputs
         arguments["x0"][:], arguments["p"][:] = task.guess, task.parameter
         arguments["lbx"][:], arguments["ubx"][:] = lower, upper
-        arguments["lbg"][self._clearances] = task.margin
+        arguments["lbg"][self._clearances] = 0.0 if task.margin is None else task.margin[:, None]
         try:
             self._ended = ""
             self._call()

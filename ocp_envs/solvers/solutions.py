@@ -63,7 +63,7 @@ def make_tasks(
     retry_with_fallback: bool = True,
     rescue: bool = True,
     iterations: int | None = None,
-    margins: Array | float = 0.0,
+    margins: Array | None = None,
 ) -> list[Task]:
     """The solves of instances of ``problem`` with ``parameters`` (B, np) in scaled variables of ``transcription``.
 
@@ -88,8 +88,8 @@ def make_tasks(
     distance = np.abs((guesses.states[:, -1, None] - problem.targets) / problem.system.state.scale).sum(axis=2)
     targets = np.where(windings == NEAREST_WINDING, distance.argmin(axis=1), windings)
     fixed = np.concatenate(problem.start(parameters), axis=1)
-    kept = np.broadcast_to(margins, expected[:1])
-    instances = zip(transcription.pack(guesses), fixed, targets.tolist(), kept.tolist())
+    kept = [None] * len(parameters) if margins is None else margins
+    instances = zip(transcription.pack(guesses), fixed, targets.tolist(), kept, strict=True)
     return [
         Task(guess, parameter, target, retry_with_fallback, rescue, iterations, margin)
         for guess, parameter, target, margin in instances

@@ -131,13 +131,13 @@ class GuardedSolver:
         retry_with_fallback: bool = True,
         rescue: bool = True,
         iterations: int | None = None,
-        margins: Array | float = 0.0,
+        margins: Array | None = None,
     ) -> Attempts:
         """As :meth:`solve`, with the trajectories at which the solves that failed ended.
 
         The arguments, and the errors, are the same: ``parameters``, ``guesses``, ``windings``, ``retry_with_fallback``
         and ``rescue``. In addition, ``iterations`` limits the primary solver, which then makes one attempt, and
-        ``margins`` (B,) are what the clearances at the knots k ≥ 1 have to be at least, 0 by default.
+        ``margins`` (B, N − 1) are what the clearances at the knots k ≥ 1 have to be at least, 0 by default.
         """
         instances = self.problem, self._transcription, parameters
         tasks = make_tasks(*instances, guesses, windings, retry_with_fallback, rescue, iterations, margins)

@@ -5,7 +5,7 @@ import pytest
 
 from ocp_envs.solvers import improvement
 from ocp_envs.solvers.check import path_violation, residuals, verify
-from ocp_envs.solvers.improvement import improve, room
+from ocp_envs.solvers.improvement import improve, knot_margins
 from ocp_envs.solvers.nlp import Outcome
 from ocp_envs.support.sharing import Loans
 from ocp_envs.trajectory import Trajectory
@@ -89,16 +89,19 @@ def middles(plans):
     return Trajectory(states, plans.controls, plans.duration)
 
 
-def test_a_margin_is_at_most_the_clearance_of_the_ends():
-    """From 2 cm in front of the disc, knots cannot be 10 cm away from it."""
-    p = np.array([[-0.98, 0.3, 1.0], [-4.0, 0.3, 1.0]])
-    np.testing.assert_allclose(room(DISC, p), [0.025, 2.0], atol=0.01)
-    margins = np.array([0.1, 0.0])
-    found = improve(DISC, p, rough(DISC, p, 0.01), None, margins)
+def test_a_margin_begins_with_the_clearance_of_the_ends():
+    """From 2.5 cm in front of the disc, the next knot cannot be 10 cm away from it, but later ones can."""
+    p = np.array([[-0.98, 0.3, 1.0], [-4.0, 0.3, 1.0], [0.5, 0.0, 1.0]])
+    margins = knot_margins(DISC, p, np.array([0.1, 0.2, 0.1]))
+    close = np.hypot(*p[0, :2]) - 1.0
+    np.testing.assert_allclose(margins[0], np.minimum(0.1, close + 0.025 * np.arange(20)))
+    np.testing.assert_array_equal(margins[1], np.full(20, 0.2))
+    np.testing.assert_allclose(margins[2][:5], [0.0, 0.025, 0.05, 0.075, 0.1])  # it begins inside
+    found = improve(DISC, p[:2], rough(DISC, p[:2], 0.01), None, 0.1)
     assert found.converged.all()
-    assert room(DOUBLE_INTEGRATOR, np.zeros((2, 2))).tolist() == [np.inf, np.inf]
-    inside = np.array([[0.5, 0.0, 1.0]])
-    assert room(DISC, inside).tolist() == [0.0]
+    clearance = np.linalg.norm(found.trajectory.states[:, 1:, :2], axis=2) - 1.0
+    assert (clearance > margins[:2] - 0.1 * (margins[:2] > 0.15) - 1e-6).all()
+    np.testing.assert_array_equal(knot_margins(DOUBLE_INTEGRATOR, np.zeros((2, 2)), 0.1), np.full((2, 20), 0.1))
 
 
 def test_plans_that_are_not_finite_or_break_the_solver_down_stay(lent, monkeypatch):

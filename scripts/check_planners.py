@@ -1,0 +1,91 @@
+"""Measure planners as they are, repaired by a few iterations of the solver, and checked, on the splits of a problem.
+
+Each planner is also repaired with 3, 5 and 10 iterations of the solver from its plan, and until the solver converges;
+the checked planner is the shipped one, whose verdicts are compared with what happens. The instances are those of
+``scripts/compare_splits.py``, or with ``--development`` those on which settings are chosen. Repaired planners are
+measured on the first 2,000 instances of a split. Writes ``planners_checked_<env>.json``. Finished rows are kept in
+``data/checked/``; the same command continues after an interruption, and the pendulum takes about three minutes.
+
+    python scripts/check_planners.py --env GroundVehicle-v0
+    python scripts/check_planners.py --development --cases 100
+"""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from moe_policy.experiments import cli
+from moe_policy.experiments.checking import (
+    CHECK_COLUMNS,
+    CHECKED,
+    TIME_COLUMNS,
+    CheckRow,
+    PlannerChecks,
+    PlanTime,
+    kept_row,
+    lines,
+    planners,
+)
+from moe_policy.experiments.comparison import track_optimum
+from moe_policy.experiments.methods import Method, shipped
+from moe_policy.experiments.splits import SPLITS
+from moe_policy.experiments.tables import text_table
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.sets import reference
+from ocp_envs.sets.reference import ReferenceSet
+from ocp_envs.sets.splits import sets_of
+from ocp_envs.support.progress import track
+from ocp_envs.support.provenance import provenance
+
+#: Number of instances of a split, the first ones, on which repaired planners are measured, and that are timed.
+FEWER, TIMED = 2_000, 300
+
+
+def rows_on(
+    problem: OptimalControlProblem, methods: Sequence[Method], split: str, cases: ReferenceSet, data: Path
+) -> tuple[CheckRow, ...]:
+    """The rows of the optimum and of all ``methods`` on the ``cases`` of one ``split``, kept in the folder ``data``."""
+    p = cases.parameters
+    optimum = track_optimum(problem, p, cases.cost, shipped(problem), data / "optimal" / problem.id)
+    rows = [CheckRow(row=optimum.row)]
+    for method in track(methods, len(methods), unit="planner", label=split, leave=False):
+        few = p[:FEWER] if "repaired" in method.name else p
+        row = kept_row(problem, method, few, optimum, data / "checked" / problem.id)
+        rows.append(row)
+        cli.say(f"{split}, {method.name}: {row.row.metrics.success.count} of {len(few)}")
+    return tuple(rows)
+
+
+def main() -> None:
+    parser = cli.parser(__doc__, data=True, cases="instances of every split, at most")
+    parser.add_argument("--development", action="store_true", help="use the development set alone")
+    arguments = parser.parse()
+    cli.threads()
+    problem, began = arguments.problem, time.perf_counter()
+    there = {split: name for split, name in SPLITS.items() if name == "validation" or name in sets_of(problem).hard}
+    chosen = {"development": "development"} if arguments.development else there
+    sets = {split: reference.load(problem, name) for split, name in chosen.items()}
+    cli.at_most(arguments.cases, max(map(len, sets.values())), "instances in the largest split")
+    methods = planners(problem, shipped(problem))
+    splits = {
+        split: rows_on(problem, methods, split, cases[: arguments.cases], arguments.data)
+        for split, cases in sets.items()
+    }
+    first = next(iter(sets.values())).parameters[: arguments.cases][:TIMED]
+    times = tuple(
+        PlanTime.of(method.name, method.planner, first)
+        for method in track(methods, len(methods), unit="planner", label="times", leave=False)
+        if method.planner is not None
+    )
+    record = PlannerChecks(
+        env_id=problem.id, splits=splits, times=times, seconds=time.perf_counter() - began, provenance=provenance()
+    )
+    name = "planners_development" if arguments.development else "planners_checked"
+    cli.publish(arguments, f"{name}_{problem.id}", record)
+    cli.say(text_table(lines(record), CHECK_COLUMNS))
+    cli.say(text_table(times, TIME_COLUMNS))
+    cli.say(f"{record.seconds:.0f} s; the last row of each split is {CHECKED!r}")
+
+
+if __name__ == "__main__":
+    cli.run(main, continues=True)

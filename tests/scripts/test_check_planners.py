@@ -1,0 +1,64 @@
+"""The script that checks planners, from end to end at its smallest."""
+
+import sys
+
+import pytest
+
+import moe_policy
+from moe_policy.experiments import checking
+from moe_policy.experiments.checking import CHECK_COLUMNS, TIME_COLUMNS, PlannerChecks, lines
+from moe_policy.experiments.methods import Method
+from moe_policy.experiments.records import ABSENT, read
+from moe_policy.experiments.tables import markdown_table
+from ocp_envs.problems.pendulum import PENDULUM
+from scripts import check_planners
+
+pytestmark = [
+    pytest.mark.usefixtures("interpreted"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+]
+CASES = 6
+
+
+def run(monkeypatch, folder, *arguments):
+    monkeypatch.setattr(sys, "argv", ["check_planners", "--results", str(folder), "--data", str(folder), *arguments])
+    check_planners.main()
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """One network, one number of iterations, few instances."""
+    monkeypatch.setattr(checking, "ITERATIONS", (3,))
+    network = Method("snn", moe_policy.load(PENDULUM, "snn"))
+    monkeypatch.setattr(check_planners, "shipped", lambda problem: [network])
+    monkeypatch.setattr(check_planners, "TIMED", 3)
+
+
+def test_every_planner_is_measured_on_every_split_and_kept(few, monkeypatch, tmp_path):
+    run(monkeypatch, tmp_path, "--cases", str(CASES))
+    record = read(tmp_path / "planners_checked_PendulumSwingup-v0.json", PlannerChecks)
+    assert list(record.splits) == ["uniform", "boundary", "near", "outside"]
+    names = ["optimal", "snn", "snn, repaired, 3 iterations", "checked"]
+    for rows in record.splits.values():
+        assert [row.row.name for row in rows] == names
+        assert all(row.row.metrics.success.total == CASES for row in rows)
+        making = rows[-1].making
+        assert making is not ABSENT
+        assert making.chosen + making.repaired + making.solved + making.abstained == CASES
+        assert making.wrong == 0
+        assert making.verified == rows[-1].row.metrics.success_at_plan_end.count
+    assert [row.name for row in record.times] == names[1:]
+    table = markdown_table(lines(record), CHECK_COLUMNS)
+    assert f"| uniform, of {CASES} | optimal |" in table
+    assert "a plan, median" in markdown_table(record.times, TIME_COLUMNS)
+    # The same command continues: what is finished is not measured again.
+    monkeypatch.setattr(checking, "check_row", lambda *arguments: pytest.fail("a row that is kept"))
+    run(monkeypatch, tmp_path, "--cases", str(CASES))
+    again = read(tmp_path / "planners_checked_PendulumSwingup-v0.json", PlannerChecks)
+    assert again.splits == record.splits
+
+
+def test_settings_are_chosen_on_the_development_set(few, monkeypatch, tmp_path):
+    run(monkeypatch, tmp_path, "--development", "--cases", "2")
+    record = read(tmp_path / "planners_development_PendulumSwingup-v0.json", PlannerChecks)
+    assert list(record.splits) == ["development"]
