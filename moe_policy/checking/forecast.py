@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from moe_policy.control.tracking import Tracking, TrackingPolicy
+from moe_policy.checking.episodes import compiled, run, run_compiled
+from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.control.weights import TrackingWeights
-from moe_policy.rollouts.ledger import Violations
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
-from ocp_envs.support.clock import count_steps
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
@@ -71,31 +70,18 @@ class Forecast:
 
     def __call__(self, parameters: Array, plans: Trajectory) -> Predicted:
         """The episodes of B ``plans`` for instances with ``parameters`` (B, np)."""
-        states, contexts = self.problem.start(parameters)
+        problem, simulator = self.problem, self._simulator
+        states, contexts = problem.start(parameters)
         tracking = self._policy.follow(plans, contexts)
-        return self._run(states, contexts, tracking)
-
-    def _run(self, x: Array, contexts: Array, tracking: Tracking) -> Predicted:
-        problem, schedule = self.problem, tracking.schedule
-        size, radius = len(x), problem.goal.radius
-        ends = count_steps(schedule.plan_end, self.dt)
-        path = Violations(problem, self.dt, x, contexts, schedule.knot_step)
-        error = problem.goal_error(x)
-        cost, entered, left, none = np.zeros(size), error < radius, np.zeros(size, bool), np.zeros(size, bool)
-        for step in range(1, int(ends.max(initial=0)) + 1):
-            running = (step <= ends) & ~left
-            observed = np.concatenate([x, contexts], axis=1).astype(np.float32)
-            controls, tracking = self._policy.act(observed, tracking, none)
-            result = self._simulator.advance(x, controls, contexts)
-            path.add(step, running, x, result.states)
-            cost += np.where(running & ~entered, result.cost, 0.0)
-            left |= running & result.left_box
-            error = np.where(running, problem.goal_error(result.states), error)
-            entered |= running & (error < radius) & ~left
-            x = np.where(running[:, None], result.states, x)
-        clear = path.clearance >= (SLACK if problem.n_clearances else -np.inf)
-        success = (error < radius * (1 - SLACK)) & clear & ~left & ~schedule.rejected
-        return Predicted(cost, error, path.clearance, left, schedule.rejected, success)
+        schedule = tracking.schedule
+        program = compiled(simulator.problem, simulator.step_function)
+        if program is None:
+            ended = run(self._policy, simulator, states, contexts, tracking)
+        else:
+            ended = run_compiled(program, problem, self.dt, states, contexts, tracking)
+        clear = ended.clearance >= (SLACK if problem.n_clearances else -np.inf)
+        success = (ended.error < problem.goal.radius * (1 - SLACK)) & clear & ~ended.left_box & ~schedule.rejected
+        return Predicted(ended.cost, ended.error, ended.clearance, ended.left_box, schedule.rejected, success)
 
 
 def _no_planner(parameters: Array) -> Trajectory:

@@ -13,10 +13,9 @@ which controls are projected onto their bounds (:mod:`moe_policy.control.project
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
+from moe_policy.control.riccati import References, compiled, run, run_compiled
 from moe_policy.control.weights import TrackingWeights
 from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.problem import OptimalControlProblem
@@ -24,9 +23,6 @@ from ocp_envs.support.arrays import Array, Ints
 
 #: Where a goal cannot be held, the error at the end of a plan is weighted as that of so many control steps.
 TERMINAL_FACTOR = 10.0
-#: The recursion linearises at most this many different numbers of plans, and about so many control steps of all plans
-#: at once, or those of one step; see :meth:`Regulator.along`.
-_SIZES, _ROWS = 8, 256
 
 
 class Regulator:
@@ -100,39 +96,12 @@ class Regulator:
         nx = states.shape[2]
         gains, norms = np.empty((size, longest + 1, nu, nx)), np.empty((size, longest + 1, nu, nu))
         gains[:], norms[:] = self.hold, self.hold_norm
-        # The longest plans first: at each control step the plans under way are a prefix.
-        order = np.argsort(-steps, kind="stable")
-        under_way = np.searchsorted(-steps[order], -np.arange(longest), side="left")
-        q, r = np.diag(self.weights.state), self.weights.control_at(controls, self.problem.system.control)
-        p, unit_matrix = np.tile(self.terminal, (size, 1, 1)), np.eye(nu)
-        for k, a, b in self._backwards(states, controls, contexts, order, under_way):
-            n, rows = len(a), order[: len(a)]
-            bp = b.swapaxes(1, 2) @ p[:n]
-            norm = r[rows, k, :, None] * unit_matrix + bp @ b
-            gain = np.linalg.solve(norm, bp @ a)
-            gains[rows, k], norms[rows, k] = gain, norm
-            following = q + a.swapaxes(1, 2) @ p[:n] @ (a - b @ gain)
-            p[:n] = (following + following.swapaxes(1, 2)) / 2
+        weights = self.weights
+        r = weights.control_at(controls, self.problem.system.control)
+        plans = References(states, controls, contexts, steps, weights.state, r, self.terminal)
+        program = compiled(self.problem, self._substeps)
+        if program is None:
+            run(self.linearise, plans, gains, norms)
+        else:
+            run_compiled(program, plans, self.dt, gains, norms)
         return gains, norms
-
-    def _backwards(
-        self, states: Array, controls: Array, contexts: Array, order: Ints, under_way: Ints
-    ) -> Iterator[tuple[int, Array, Array]]:
-        """Each control step from the last to the first, with A and B of the plans under way, the first in ``order``."""
-        size, end = len(order), len(under_way)
-        unit = max(1, -(-size // _SIZES))
-        while end:
-            # Several control steps in one call, which for a few plans takes most of the time of a call for one.
-            few = np.arange(end, 0, -1) * under_way[:end] <= _ROWS
-            begin = int(np.argmax(few)) if few.any() else end - 1
-            # Rounded up to a few sizes, because setting up a mapped function takes time for each new batch size.
-            rows = order[: min(size, -(-int(under_way[begin]) // unit) * unit)]
-            # Rows of one control step after those of the other, so that each step's are contiguous.
-            x, u = (
-                values[rows, begin:end].swapaxes(0, 1).reshape(-1, values.shape[2]) for values in (states, controls)
-            )
-            a, b = self.linearise(x, u, np.tile(contexts[rows], (end - begin, 1)))
-            a, b = (each.reshape(end - begin, len(rows), *each.shape[1:]) for each in (a, b))
-            for k in range(end - 1, begin - 1, -1):
-                yield k, a[k - begin, : under_way[k]], b[k - begin, : under_way[k]]
-            end = begin

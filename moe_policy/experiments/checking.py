@@ -135,7 +135,8 @@ def kept_row(problem: OptimalControlProblem, method: Method, p: Array, optimum: 
 
     A row counts for its problem, parameters, planner and the settings of the checked planner alone.
     """
-    key = hashlib.sha256(f"{problem.fingerprint} {method.name} {SHIPPED.get(problem.id)}".encode())
+    settings = SHIPPED.get(problem.id) if isinstance(method.actor, Checked) else None
+    key = hashlib.sha256(f"{problem.fingerprint} {method.name} {settings}".encode())
     key.update(np.ascontiguousarray(p).tobytes())
     if isinstance(method.actor, NetworkPlanner):
         key.update(method.actor(p[:1]).flat().tobytes())

@@ -154,6 +154,11 @@ class Simulator:
     def _disturbed(self) -> BatchFunction:
         return BatchFunction(_step_function(self.problem, self.dt, self.substeps, True))
 
+    @property
+    def step_function(self) -> ca.Function:
+        """(x, u, s) → (next x, [cost, violation, reached, left the box]): a control step without a disturbance."""
+        return self._plain.function
+
     def advance(
         self, states: ArrayLike, controls: ArrayLike, contexts: ArrayLike, disturbance: ArrayLike | None = None
     ) -> Step:

@@ -42,7 +42,8 @@ def find_compiler() -> str | None:
 
 
 @cache
-def _compiler_version(compiler: str) -> str:
+def compiler_version(compiler: str) -> str:
+    """What the C ``compiler`` says of its version."""
     return subprocess.run([compiler, "--version"], capture_output=True, check=True).stdout.decode(errors="replace")
 
 
@@ -79,7 +80,7 @@ def _library(plugin: str, nlp: ca.Function, options: dict[str, object], compiler
     """The compiled functions of ``nlp`` for ``plugin``; built where necessary."""
     # The serialised program stands for the C generated from it: CasADi's version is part of the key, and writing the C
     # takes longer than loading the library.
-    content = (nlp.serialize(), plugin, ca.__version__, _compiler_version(compiler), FLAGS, cpu_model())
+    content = (nlp.serialize(), plugin, ca.__version__, compiler_version(compiler), FLAGS, cpu_model())
     name = f"{plugin}-{hashlib.sha256(repr(content).encode()).hexdigest()[:32]}"
     return trusted_library(name, lambda: _compiled(ca.nlpsol("solver", plugin, nlp, options), compiler))
 

@@ -11,6 +11,7 @@ from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.sets.sampling import sample
+from ocp_envs.solvers.compilation import find_compiler
 from tests.closed_loop import rest_planner
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
@@ -30,6 +31,15 @@ def assert_forecast(problem, p, plans, **arguments):
     clear = (episodes.violation == 0) & ~(episodes.knot_violation > 0)
     np.testing.assert_array_equal(predicted.success, early & clear & ~predicted.left_box & ~predicted.rejected)
     return predicted
+
+
+@pytest.fixture(params=["compiled", "NumPy"], autouse=True)
+def way(request, monkeypatch):
+    """Episodes are run by a compiled program, or with NumPy where there is no compiler."""
+    if request.param == "NumPy":
+        monkeypatch.setenv("CC", "none")
+    elif find_compiler() is None:
+        pytest.skip("needs a C compiler")
 
 
 @pytest.mark.parametrize("dt", [0.02, 0.05])

@@ -1,0 +1,104 @@
+"""Tracked episodes up to the plan's end: compiled where there is a C compiler, else with NumPy for all at once."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from moe_policy.control.tracking import Tracking, TrackingPolicy
+from moe_policy.rollouts.ledger import Violations
+from ocp_envs.envs.simulation import Simulator
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solvers.kernels import address, kernel
+from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.clock import count_steps
+from ocp_envs.support.kept import kept
+
+_PROGRAM = Path(__file__).with_name("episodes.c")
+
+
+class Ended(NamedTuple):
+    """How B episodes ended, each (B,).
+
+    The ``cost`` up to the first entry into the goal ball, the ``error`` at the plan's end, the smallest ``clearance``
+    on the way, and whether the state ``left_box``.
+    """
+
+    cost: Array
+    error: Array
+    clearance: Array
+    left_box: Bools
+
+
+def compiled(plant: OptimalControlProblem, step: ca.Function) -> ctypes.CDLL | None:
+    """The program that runs episodes of ``plant``, whose control step is ``step``; ``None`` where it cannot be."""
+    return _kernel(plant, step, os.environ.get("CC"), os.environ.get("PATH"))
+
+
+@kept
+def _kernel(
+    plant: OptimalControlProblem, step: ca.Function, compiler: str | None, path: str | None
+) -> ctypes.CDLL | None:
+    """The program as a library; the environment variables say which ``compiler`` there is on the ``path``."""
+    system = plant.system
+    sizes = {"NX": system.nx, "NU": system.nu, "NC": len(plant.context), "NH": plant.n_clearances}
+    clearances = [plant.batch_clearances().function] if plant.n_clearances else []
+    return kernel(_PROGRAM, [step, *clearances], sizes)
+
+
+def run_compiled(
+    program: ctypes.CDLL, problem: OptimalControlProblem, dt: float, states: Array, contexts: Array, tracking: Tracking
+) -> Ended:
+    """Episodes of ``problem`` with control steps of ``dt`` seconds by the compiled ``program``.
+
+    They begin at ``states`` (B, nx) in ``contexts`` (B, nc) with the recurrent state ``tracking``.
+    """
+    goal, box, schedule = problem.goal, problem.system.control, tracking.schedule
+    end, out = np.array(states, dtype=np.float64), np.empty((len(states), 4))
+    fixed = (goal.state, problem.system.state.periods, box.lower, box.upper)
+    held = [*map(np.ascontiguousarray, fixed), end]
+    held += [
+        np.ascontiguousarray(each)
+        for each in (contexts, tracking.states, tracking.controls, tracking.gains, tracking.norms, schedule.knot_step)
+    ]
+    steps = np.ascontiguousarray(count_steps(schedule.plan_end, dt))
+    program.run(
+        ctypes.c_longlong(len(states)),
+        ctypes.c_longlong(tracking.states.shape[1]),
+        address(steps),
+        *map(ctypes.c_double, (dt, goal.radius, float(problem.knots))),
+        *map(address, held),
+        address(out),
+    )
+    cost, error, clearance, left = np.ascontiguousarray(out.T)
+    return Ended(cost, error, clearance, left > 0)
+
+
+def run(policy: TrackingPolicy, simulator: Simulator, states: Array, contexts: Array, tracking: Tracking) -> Ended:
+    """Episodes of ``policy`` in the ``simulator``, from ``states`` (B, nx) in ``contexts`` (B, nc).
+
+    They begin with the recurrent state ``tracking``.
+    """
+    problem, schedule, x = policy.problem, tracking.schedule, states
+    size, radius = len(x), problem.goal.radius
+    ends = count_steps(schedule.plan_end, policy.dt)
+    path = Violations(problem, policy.dt, x, contexts, schedule.knot_step)
+    error = problem.goal_error(x)
+    cost, entered, left, none = np.zeros(size), error < radius, np.zeros(size, bool), np.zeros(size, bool)
+    for step in range(1, int(ends.max(initial=0)) + 1):
+        running = (step <= ends) & ~left
+        observed = np.concatenate([x, contexts], axis=1).astype(np.float32)
+        controls, tracking = policy.act(observed, tracking, none)
+        result = simulator.advance(x, controls, contexts)
+        path.add(step, running, x, result.states)
+        cost += np.where(running & ~entered, result.cost, 0.0)
+        left |= running & result.left_box
+        error = np.where(running, problem.goal_error(result.states), error)
+        entered |= running & (error < radius) & ~left
+        x = np.where(running[:, None], result.states, x)
+    return Ended(cost, error, path.clearance, left)
