@@ -3,7 +3,8 @@
 Each planner is also repaired with 3, 5 and 10 iterations of the solver from its plan, and until the solver converges;
 the checked planner is the shipped one, whose verdicts are compared with what happens. The instances are those of
 ``scripts/compare_splits.py``, or with ``--development`` those on which settings are chosen. Repaired planners are
-measured on the first 2,000 instances of a split. Writes ``planners_checked_<env>.json``. Finished rows are kept in
+measured on the first 2,000 instances of a split. What is promised of fresh instances is calibrated on the development
+set and compared with the validation set. Writes ``planners_checked_<env>.json``. Finished rows are kept in
 ``data/checked/``; the same command continues after an interruption, and the pendulum takes about three minutes.
 
     python scripts/check_planners.py --env GroundVehicle-v0
@@ -16,17 +17,19 @@ from pathlib import Path
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.checking import (
+    BOUND_COLUMNS,
     CHECK_COLUMNS,
-    CHECKED,
     TIME_COLUMNS,
+    BoundRow,
     CheckRow,
+    Measured,
     PlannerChecks,
     PlanTime,
-    kept_row,
+    kept,
     lines,
     planners,
 )
-from moe_policy.experiments.comparison import track_optimum
+from moe_policy.experiments.comparison import Optimum, track_optimum
 from moe_policy.experiments.methods import Method, shipped
 from moe_policy.experiments.splits import SPLITS
 from moe_policy.experiments.tables import text_table
@@ -39,21 +42,22 @@ from ocp_envs.support.provenance import provenance
 
 #: Number of instances of a split, the first ones, on which repaired planners are measured, and that are timed.
 FEWER, TIMED = 2_000, 300
+#: Probability of what is promised of fresh instances.
+LEVEL = 0.95
 
 
 def rows_on(
     problem: OptimalControlProblem, methods: Sequence[Method], split: str, cases: ReferenceSet, data: Path
-) -> tuple[CheckRow, ...]:
-    """The rows of the optimum and of all ``methods`` on the ``cases`` of one ``split``, kept in the folder ``data``."""
+) -> tuple[Optimum, dict[str, Measured]]:
+    """The optimum and what is measured of all ``methods`` on the ``cases`` of one ``split``, kept in ``data``."""
     p = cases.parameters
     optimum = track_optimum(problem, p, cases.cost, shipped(problem), data / "optimal" / problem.id)
-    rows = [CheckRow(row=optimum.row)]
+    found = {}
     for method in track(methods, len(methods), unit="planner", label=split, leave=False):
         few = p[:FEWER] if "repaired" in method.name else p
-        row = kept_row(problem, method, few, optimum, data / "checked" / problem.id)
-        rows.append(row)
-        cli.say(f"{split}, {method.name}: {row.row.metrics.success.count} of {len(few)}")
-    return tuple(rows)
+        found[method.name] = kept(problem, method, few, optimum, data / "checked" / problem.id)
+        cli.say(f"{split}, {method.name}: {found[method.name].row.row.metrics.success.count} of {len(few)}")
+    return optimum, found
 
 
 def main() -> None:
@@ -64,27 +68,41 @@ def main() -> None:
     problem, began = arguments.problem, time.perf_counter()
     there = {split: name for split, name in SPLITS.items() if name == "validation" or name in sets_of(problem).hard}
     chosen = {"development": "development"} if arguments.development else there
-    sets = {split: reference.load(problem, name) for split, name in chosen.items()}
-    cli.at_most(arguments.cases, max(map(len, sets.values())), "instances in the largest split")
+    sets = {split: reference.load(problem, name)[: arguments.cases] for split, name in chosen.items()}
     methods = planners(problem, shipped(problem))
-    splits = {
-        split: rows_on(problem, methods, split, cases[: arguments.cases], arguments.data)
-        for split, cases in sets.items()
-    }
-    first = next(iter(sets.values())).parameters[: arguments.cases][:TIMED]
+    splits, measured = {}, {}
+    for split, cases in sets.items():
+        optimum, measured[split] = rows_on(problem, methods, split, cases, arguments.data)
+        splits[split] = (CheckRow(row=optimum.row), *(found.row for found in measured[split].values()))
+    first = next(iter(sets.values())).parameters[:TIMED]
     times = tuple(
         PlanTime.of(method.name, method.planner, first)
         for method in track(methods, len(methods), unit="planner", label="times", leave=False)
         if method.planner is not None
     )
+    bounds: tuple[BoundRow, ...] = ()
+    if "uniform" in measured:
+        promised = [method for method in methods if "repaired" not in method.name]
+        known = reference.load(problem, "development")[: arguments.cases]
+        _, calibration = rows_on(problem, promised, "development", known, arguments.data)
+        bounds = tuple(
+            BoundRow.of(name, found.scores, measured["uniform"][name].scores, LEVEL)
+            for name, found in calibration.items()
+        )
     record = PlannerChecks(
-        env_id=problem.id, splits=splits, times=times, seconds=time.perf_counter() - began, provenance=provenance()
+        env_id=problem.id,
+        splits=splits,
+        times=times,
+        bounds=bounds,
+        seconds=time.perf_counter() - began,
+        provenance=provenance(),
     )
     name = "planners_development" if arguments.development else "planners_checked"
     cli.publish(arguments, f"{name}_{problem.id}", record)
-    cli.say(text_table(lines(record), CHECK_COLUMNS))
-    cli.say(text_table(times, TIME_COLUMNS))
-    cli.say(f"{record.seconds:.0f} s; the last row of each split is {CHECKED!r}")
+    for text in (text_table(lines(record), CHECK_COLUMNS), text_table(times, TIME_COLUMNS)):
+        cli.say(text)
+    if bounds:
+        cli.say(text_table(bounds, BOUND_COLUMNS))
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from ocp_envs.trajectory import Trajectory
 
 #: What a forecast may be off by, since sums of another order round differently: a fraction of the goal's radius, and of
 #: the unit of the clearances.
-SLACK = 1e-6
+SLACK = 1e-5
 
 
 @dataclass(frozen=True, eq=False)

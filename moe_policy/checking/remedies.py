@@ -11,6 +11,7 @@ from moe_policy.checking.forecast import Forecast
 from moe_policy.checking.selection import Selected, cheapest
 from moe_policy.checking.verdict import HOW
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solvers.check import path_violation
 from ocp_envs.solvers.guesses import NEAREST_WINDING
 from ocp_envs.solvers.improvement import improve, knot_margins
 from ocp_envs.solvers.solver import lent_solvers
@@ -18,8 +19,9 @@ from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.checks import check_number, check_whole
 from ocp_envs.trajectory import Trajectory
 
-#: How much the margin grows when a repaired plan enters a constraint, as a multiple of the depth; and at least.
-_GROWTH, _LEAST = 1.5, 0.01
+#: How much a margin grows, as a multiple of the depth in the constraint, and at least; and the violation at the knots
+#: below which the plan itself is clear.
+_FACTOR, _LEAST, _SETTLED = 1.5, 0.01, 1e-3
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class Repair:
         iterations: of the solver in each round.
         rounds: each begins where the last one ended, as long as the plan fails; 0 for no repair.
         margin: what the path constraints have to be at least at the knots in the first round, in their unit. It grows
-            with the depth by which the tracked path enters them.
+            with the depth by which the tracked path enters them between knots.
 
     Raises:
         TypeError, ValueError: no numbers, or out of their range.
@@ -69,15 +71,23 @@ def repaired(
         rows = np.flatnonzero(~best.predicted.success)
         if not len(rows):
             break
-        plan = _put(
-            plan, rows, improve(model, parameters[rows], plan[rows], repair.iterations, margin[rows]).trajectory
-        )
-        predicted = forecast(parameters[rows], plan[rows])
+        p = parameters[rows]
+        plan = _put(plan, rows, improve(model, p, plan[rows], repair.iterations, margin[rows]).trajectory)
+        predicted = forecast(p, plan[rows])
         new = Selected(plan[rows], predicted, np.full(len(rows), HOW.index("repaired")), best.source[rows])
         best = best.improved(rows, new, radius)
-        depth = np.where(np.isfinite(predicted.clearance), np.maximum(-predicted.clearance, 0.0), 0.0)
-        margin[rows] += np.where(depth > 0, np.maximum(_GROWTH * depth, _LEAST), 0.0)
+        margin[rows] += _growth(model, p, plan[rows], predicted.clearance)
     return best, margin
+
+
+def _growth(model: OptimalControlProblem, parameters: Array, plan: Trajectory, clearance: Array) -> Array:
+    """By how much margins grow for the next round, (B,), where the tracked paths have the smallest ``clearance``.
+
+    They do where the plan is clear at its knots and the path is not; elsewhere the plan needs more iterations.
+    """
+    depth = np.where(np.isfinite(clearance), np.maximum(-clearance, 0.0), 0.0)
+    settled = path_violation(model, plan, model.start(parameters)[1]) < _SETTLED
+    return np.where(settled & (depth > 0), np.maximum(_FACTOR * depth, _LEAST), 0.0)
 
 
 def _put(plan: Trajectory, rows: Ints, new: Trajectory) -> Trajectory:
@@ -104,21 +114,44 @@ def solved(
         margin: on the path constraints, (B,).
         failing: the plans.
     """
-    size, count = len(parameters), len(guesses)
-    row, p = np.tile(np.arange(size), count), np.tile(parameters, (count, 1))
+    best = failing
+    # The fallback solver takes seconds where a problem is large: from the likeliest plan alone.
+    for tried, last_resort in ((guesses, False), (guesses[:1], True)):
+        rows = np.flatnonzero(~best.predicted.success)
+        if len(rows):
+            found = [guess[rows] for guess in tried]
+            best = _solved_from(forecast, model, parameters, rows, found, margin[rows], best, last_resort)
+    return best
+
+
+def _solved_from(
+    forecast: Forecast,
+    model: OptimalControlProblem,
+    parameters: Array,
+    rows: Ints,
+    guesses: Sequence[Trajectory],
+    margin: Array,
+    best: Selected,
+    last_resort: bool,
+) -> Selected:
+    """The plans of ``best``, or better solutions for ``rows`` (M,) from the ``guesses``, batches of M plans."""
+    count = len(guesses)
+    row, p = np.tile(rows, count), np.tile(parameters[rows], (count, 1))
     with lent_solvers(model).one() as solver:
         solutions, _ = solver.attempts(
             p,
             Trajectory.concatenate(guesses),
             np.full(len(p), NEAREST_WINDING),
-            margins=knot_margins(model, parameters, margin)[row],
+            retry_with_fallback=last_resort,
+            rescue=last_resort,
+            margins=np.tile(knot_margins(model, parameters[rows], margin), (count, 1)),
         )
     found = np.flatnonzero(solutions.solved)
     if not len(found):
-        return failing
+        return best
     predicted = forecast(p[found], solutions.trajectory[found])
-    best = cheapest(predicted, row[found], model.goal.radius)
-    rows = row[found][best]
-    how = np.full(len(rows), HOW.index("solved"))
-    new = Selected(solutions.trajectory[found][best], predicted[best], how, failing.source[rows])
-    return failing.improved(rows, new, model.goal.radius)
+    chosen = cheapest(predicted, row[found], model.goal.radius)
+    wins = row[found][chosen]
+    how = np.full(len(wins), HOW.index("solved"))
+    new = Selected(solutions.trajectory[found][chosen], predicted[chosen], how, best.source[wins])
+    return best.improved(wins, new, model.goal.radius)

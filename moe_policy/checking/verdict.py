@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from moe_policy.checking.forecast import Predicted
+from moe_policy.checking.forecast import SLACK, Predicted
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Bools
 from ocp_envs.trajectory import Trajectory
@@ -76,6 +76,6 @@ def reason_of(problem: OptimalControlProblem, predicted: Predicted) -> str:
         reasons.append(f"the path enters a constraint by {-clearance:.3g}")
     elif problem.n_clearances and clearance < np.inf and predicted.final_error[0] < problem.goal.radius:
         reasons.append(f"the path comes as close to a constraint as {clearance:.3g}")
-    if (error := predicted.final_error[0]) >= problem.goal.radius * (1 - 1e-6):
+    if (error := predicted.final_error[0]) >= problem.goal.radius * (1 - SLACK):
         reasons.append(f"the plan ends {error:.3g} from the goal, whose radius is {problem.goal.radius:g}")
     return " and ".join(reasons)

@@ -19,12 +19,15 @@ from moe_policy.experiments.comparison import ComparisonRow, Optimum, run
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.metric_columns import METRICS
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, read, write
-from moe_policy.experiments.tables import Column, duration
+from moe_policy.experiments.tables import Column, duration, proportion
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.repaired import Repaired
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.protocols import Planner
+from moe_policy.rollouts.conformal import coverage_range, least_success, upper_bound
 from moe_policy.rollouts.episodes import Episodes
+from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.metrics import TOLERANCES
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.provenance import Provenance
@@ -63,6 +66,57 @@ class CheckRow(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Measured(Record):
+    """What is kept of one planner on one split."""
+
+    row: CheckRow  # as in the record
+    #: cost of each episode relative to that of the optimum; ``None`` where it does not end at the goal with its plan,
+    #: or enters a constraint by more than 1 cm
+    costs: tuple[float | None, ...]
+
+    @property
+    def scores(self) -> Array:
+        """The costs with +inf for ``None``, (B,)."""
+        return np.array([np.inf if cost is None else cost for cost in self.costs])
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoundRow(Record):
+    """What is promised of one planner on fresh instances, calibrated on the development set.
+
+    At most the fraction 1 − level of fresh instances fails or costs more than the bound, see
+    :mod:`moe_policy.rollouts.conformal`. Failing is not to end at the goal with the plan, or to enter a constraint by
+    more than 1 cm.
+    """
+
+    name: str  # of the planner
+    level: float  # probability that a fresh instance is below the bound
+    calibration: int  # number of development instances
+    cost_bound: float | None  # of the cost relative to that of the optimum; ``None`` where there is none
+    coverage: Proportion  # validation instances below the bound
+    coverage_range: tuple[float, float]  # in which the coverage of 95 % of all calibrations lies
+    success: Proportion  # development instances that do not fail
+    success_bound: float  # what the probability of success exceeds with the confidence of the level
+    success_measured: Proportion  # validation instances that do not fail
+
+    @classmethod
+    def of(cls, name: str, calibration: Array, fresh: Array, level: float) -> Self:
+        """The promise for the planner called ``name``, with its scores in ``calibration`` (n,) and ``fresh`` (m,)."""
+        bound, good = upper_bound(calibration, level), np.isfinite(calibration)
+        return cls(
+            name=name,
+            level=level,
+            calibration=len(calibration),
+            cost_bound=None if np.isinf(bound) else bound,
+            coverage=Proportion.of(fresh <= bound),
+            coverage_range=coverage_range(len(calibration), level),
+            success=Proportion.of(good),
+            success_bound=least_success(good, level),
+            success_measured=Proportion.of(np.isfinite(fresh)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlanTime(Record):
     """How long plans of one planner take, each alone; with their regulators the first control step can be taken."""
 
@@ -91,6 +145,7 @@ class PlannerChecks(Record):
     env_id: str  # id of the problem
     splits: dict[str, tuple[CheckRow, ...]]  # by split; the optimum first
     times: tuple[PlanTime, ...]  # on the instances of the first split
+    bounds: tuple[BoundRow, ...]  # of the planners that are not repaired
     seconds: float  # duration of the run, without what earlier runs kept
     provenance: Provenance  # of the record
 
@@ -108,7 +163,7 @@ def planners(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[
     return [*found, Method(CHECKED, store.load(problem, CHECKED, kind=Checked))]
 
 
-def check_row(problem: OptimalControlProblem, method: Method, p: Array, optimum: Optimum) -> CheckRow:
+def measure(problem: OptimalControlProblem, method: Method, p: Array, optimum: Optimum) -> Measured:
     """Roll ``method`` out from ``p`` (B, np) and compare its verdicts, if it has any, with what happens.
 
     Costs are compared with those of the ``optimum``.
@@ -116,12 +171,22 @@ def check_row(problem: OptimalControlProblem, method: Method, p: Array, optimum:
     baseline = optimum.baseline[: len(p)]
     planner = method.actor
     if not isinstance(planner, Checked):
-        row, _ = run(problem, method, p, baseline=baseline, batches=())
-        return CheckRow(row=row)
+        row, episodes = run(problem, method, p, baseline=baseline, batches=())
+        return Measured(row=CheckRow(row=row), costs=relative_costs(problem, episodes, baseline))
     checked = planner.check(p)
     flown = replace(method, actor=StoredPlans(p, checked.trajectory))
     row, episodes = run(problem, flown, p, baseline=baseline, batches=())
-    return CheckRow(row=row, making=Making.of(checked, kept_promise(problem, episodes)))
+    made = CheckRow(row=row, making=Making.of(checked, kept_promise(problem, episodes)))
+    return Measured(row=made, costs=relative_costs(problem, episodes, baseline))
+
+
+def relative_costs(problem: OptimalControlProblem, episodes: Episodes, baseline: Episodes) -> tuple[float | None, ...]:
+    """The costs of ``episodes`` of ``problem`` relative to those of the ``baseline``, see :class:`Measured`."""
+    good = (episodes.plan_end_error < problem.goal.radius) & episodes.clear(TOLERANCES[0]) & ~episodes.left_box
+    ratios = episodes.cost / np.where(baseline.cost > 0, baseline.cost, np.nan)
+    # An instance that begins at the goal costs nothing.
+    ratios = np.where(np.isnan(ratios) & (episodes.cost == baseline.cost), 1.0, ratios)
+    return tuple(float(ratio) if fine and np.isfinite(ratio) else None for ratio, fine in zip(ratios, good))
 
 
 def kept_promise(problem: OptimalControlProblem, episodes: Episodes) -> Bools:
@@ -130,10 +195,10 @@ def kept_promise(problem: OptimalControlProblem, episodes: Episodes) -> Bools:
     return (episodes.plan_end_error < problem.goal.radius) & clear & ~episodes.left_box & ~episodes.rejected
 
 
-def kept_row(problem: OptimalControlProblem, method: Method, p: Array, optimum: Optimum, folder: Path) -> CheckRow:
-    """:func:`check_row` of ``problem``, ``method``, ``p`` and ``optimum``; the row is kept in ``folder``.
+def kept(problem: OptimalControlProblem, method: Method, p: Array, optimum: Optimum, folder: Path) -> Measured:
+    """:func:`measure` of ``problem``, ``method``, ``p`` and ``optimum``; it is kept in ``folder``.
 
-    A row counts for its problem, parameters, planner and the settings of the checked planner alone.
+    It counts for its problem, parameters, planner and the settings of the checked planner alone.
     """
     settings = SHIPPED.get(problem.id) if isinstance(method.actor, Checked) else None
     key = hashlib.sha256(f"{problem.fingerprint} {method.name} {settings}".encode())
@@ -142,11 +207,11 @@ def kept_row(problem: OptimalControlProblem, method: Method, p: Array, optimum: 
         key.update(method.actor(p[:1]).flat().tobytes())
     path = folder / f"{key.hexdigest()[:16]}.json"
     if path.exists():
-        return read(path, CheckRow)
-    row = check_row(problem, method, p, optimum)
+        return read(path, Measured)
+    measured = measure(problem, method, p, optimum)
     folder.mkdir(parents=True, exist_ok=True)
-    write(path, row)
-    return row
+    write(path, measured)
+    return measured
 
 
 def _made(what: str) -> Column[CheckRow]:
@@ -184,4 +249,11 @@ TIME_COLUMNS: tuple[Column[PlanTime], ...] = (
     Column("planner", lambda row: row.name),
     Column("a plan, median", lambda row: row.median, duration),
     Column("… exceeded by 1 %", lambda row: row.quantile_99, duration),
+)
+BOUND_COLUMNS: tuple[Column[BoundRow], ...] = (
+    Column("planner", lambda row: row.name),
+    Column("succeeds, at least (95 % confidence)", lambda row: row.success_bound, ".2%"),
+    Column("… measured", lambda row: row.success_measured, proportion),
+    Column("cost / optimal of 95 %, at most", lambda row: row.cost_bound, ".3f"),
+    Column("… measured coverage", lambda row: row.coverage, proportion),
 )

@@ -2,11 +2,12 @@
 
 import sys
 
+import numpy as np
 import pytest
 
 import moe_policy
 from moe_policy.experiments import checking
-from moe_policy.experiments.checking import CHECK_COLUMNS, TIME_COLUMNS, PlannerChecks, lines
+from moe_policy.experiments.checking import BOUND_COLUMNS, CHECK_COLUMNS, TIME_COLUMNS, BoundRow, PlannerChecks, lines
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import ABSENT, read
 from moe_policy.experiments.tables import markdown_table
@@ -51,8 +52,11 @@ def test_every_planner_is_measured_on_every_split_and_kept(few, monkeypatch, tmp
     table = markdown_table(lines(record), CHECK_COLUMNS)
     assert f"| uniform, of {CASES} | optimal |" in table
     assert "a plan, median" in markdown_table(record.times, TIME_COLUMNS)
+    assert [row.name for row in record.bounds] == ["snn", "checked"]
+    assert all(row.cost_bound is None and row.coverage.count == CASES for row in record.bounds)  # too few instances
+    assert "succeeds, at least" in markdown_table(record.bounds, BOUND_COLUMNS)
     # The same command continues: what is finished is not measured again.
-    monkeypatch.setattr(checking, "check_row", lambda *arguments: pytest.fail("a row that is kept"))
+    monkeypatch.setattr(checking, "measure", lambda *arguments: pytest.fail("a row that is kept"))
     run(monkeypatch, tmp_path, "--cases", str(CASES))
     again = read(tmp_path / "planners_checked_PendulumSwingup-v0.json", PlannerChecks)
     assert again.splits == record.splits
@@ -62,3 +66,15 @@ def test_settings_are_chosen_on_the_development_set(few, monkeypatch, tmp_path):
     run(monkeypatch, tmp_path, "--development", "--cases", "2")
     record = read(tmp_path / "planners_development_PendulumSwingup-v0.json", PlannerChecks)
     assert list(record.splits) == ["development"]
+
+
+def test_what_is_promised_is_compared_with_fresh_instances():
+    rng = np.random.default_rng(0)
+    calibration, fresh = 1 + rng.random(999), 1 + rng.random(5000)
+    calibration[:20] = fresh[:100] = np.inf
+    row = BoundRow.of("planner", calibration, fresh, 0.95)
+    assert row.cost_bound == np.sort(calibration)[949]
+    assert row.coverage_range[0] < row.coverage.fraction < row.coverage_range[1]
+    assert (row.success.count, row.success_measured.count) == (979, 4900)
+    assert 0.96 < row.success_bound < 0.979
+    assert BoundRow.of("fails", np.full(100, np.inf), fresh, 0.95).cost_bound is None
