@@ -25,7 +25,7 @@ from ocp_envs.solvers.solver import GuardedSolver
 #: Few solves, of large problems.
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
-    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.support.compiler.CompiledNotAvailable"),
 ]
 PROBLEMS = tuple({problem.id: problem for problem in (*BENCHMARK, QUADCOPTER, QUADCOPTER_OBSTACLE)}.values())
 #: Problems whose reference sets are in the package.

@@ -14,10 +14,10 @@ from moe_policy.control.tracking import Tracking, TrackingPolicy
 from moe_policy.rollouts.ledger import Violations
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.solvers.kernels import address, kernel
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.clock import count_steps
 from ocp_envs.support.kept import kept
+from ocp_envs.support.programs import address, library
 
 _PROGRAM = Path(__file__).with_name("episodes.c")
 
@@ -48,7 +48,7 @@ def _kernel(
     system = plant.system
     sizes = {"NX": system.nx, "NU": system.nu, "NC": len(plant.context), "NH": plant.n_clearances}
     clearances = [plant.batch_clearances().function] if plant.n_clearances else []
-    return kernel(_PROGRAM, [step, *clearances], sizes)
+    return library(_PROGRAM, [step, *clearances], sizes)
 
 
 def run_compiled(

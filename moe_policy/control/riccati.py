@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.solvers.kernels import address, kernel
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.kept import kept
+from ocp_envs.support.programs import address, library
 
 _PROGRAM = Path(__file__).with_name("riccati.c")
 #: The recursion linearises at most this many different numbers of plans, and about so many control steps of all plans
@@ -57,7 +57,7 @@ def _kernel(
 ) -> ctypes.CDLL | None:
     """The recursion as a library; the environment variables say which ``compiler`` there is on the ``path``."""
     sizes = {"NX": problem.system.nx, "NU": problem.system.nu}
-    return kernel(_PROGRAM, [problem.batch_linearisation(substeps).jacobian.function], sizes)
+    return library(_PROGRAM, [problem.batch_linearisation(substeps).jacobian.function], sizes)
 
 
 def run_compiled(program: ctypes.CDLL, plans: References, dt: float, gains: Array, norms: Array) -> None:

@@ -22,9 +22,9 @@ from typing import BinaryIO, Protocol
 from ocp_envs.solvers import cpu_limit
 from ocp_envs.solvers.channel import Channel, Gone, Silent
 from ocp_envs.solvers.cpu_limit import Limits
-from ocp_envs.solvers.libraries import cure
 from ocp_envs.solvers.nlp import Result, SolverSettings, Task
 from ocp_envs.solvers.transcription import Transcription
+from ocp_envs.support.libraries import cure
 
 #: Seconds after which a child that solves ends by itself: inside a C call it cannot see that its parent was killed.
 _ALONE_LIMIT = 900

@@ -2,21 +2,28 @@
 
 CasADi's matrices are column-major and ``Function.map(B)`` lays the B columns side by side, so a C-contiguous (B, n)
 array *is* the memory of its (n, B) argument: evaluation is one call without conversion, about a microsecond for B = 1.
+From :data:`KERNEL_ROWS` rows on, compiled kernels evaluate many rows at once (:mod:`ocp_envs.support.kernels`), where
+there is a compiler. Which of the two evaluates depends on the number of rows alone.
 """
 
 from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import cast
 
 import casadi as ca
 import numpy as np
 
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.kernels import Entry, kernel, pointers
 
 _KEPT_SIZES = 8
+#: From so many rows on, a compiled kernel evaluates. Compiling takes up to a second, once.
+KERNEL_ROWS = 32
 
 
 def dense_function(name: str, inputs: list[ca.SX], outputs: list[ca.SX]) -> ca.Function:
@@ -56,6 +63,10 @@ class BatchFunction:
     def __reduce__(self) -> tuple[object, ...]:
         return BatchFunction, (self.function,)
 
+    @cached_property
+    def _kernel(self) -> Entry | None:
+        return kernel(self.function)
+
     def _buffer(self, size: int) -> tuple[ca.FunctionBuffer, Callable[[], None]]:
         buffers = self._buffers.by_size
         if size in buffers:
@@ -77,24 +88,36 @@ class BatchFunction:
         size = len(arguments[0])
         if size == 0:
             return [np.empty((0, rows) if columns == 1 else (0, rows, columns)) for rows, columns in self._out]
-        buffer, trigger = self._buffer(size)
+        held, results = self._held(size, arguments), self._empty(size)
+        compiled = self._kernel if size >= KERNEL_ROWS else None
+        if compiled is not None:
+            compiled(size, pointers(held), pointers(results))
+        else:
+            self._interpret(size, held, results)
+        return [result if columns == 1 else result.swapaxes(-1, -2) for result, (_, columns) in zip(results, self._out)]
+
+    def _held(self, size: int, arguments: Sequence[Array]) -> list[Array]:
+        """The ``arguments`` of ``size`` rows in the memory that CasADi expects."""
         held = []
         for i, (argument, (rows, columns)) in enumerate(zip(arguments, self._in)):
             array = np.ascontiguousarray(argument, dtype=np.float64)
             if array.size != size * rows * columns:
                 expected = (size, rows) if columns == 1 else (size, rows, columns)
                 raise ValueError(f"{self.function.name()}: argument {i} has shape {array.shape}, expected {expected}")
-            if columns != 1:
-                array = np.ascontiguousarray(array.swapaxes(-1, -2))
-            held.append(array)
+            held.append(array if columns == 1 else np.ascontiguousarray(array.swapaxes(-1, -2)))
+        return held
+
+    def _empty(self, size: int) -> list[Array]:
+        """Arrays for the results of ``size`` rows, in the memory that CasADi expects."""
+        return [np.empty((size, rows) if columns == 1 else (size, columns, rows)) for rows, columns in self._out]
+
+    def _interpret(self, size: int, arguments: Sequence[Array], results: Sequence[Array]) -> None:
+        buffer, trigger = self._buffer(size)
+        for i, array in enumerate(arguments):
             buffer.set_arg(i, memoryview(array.data))
-        results = []
-        for i, (rows, columns) in enumerate(self._out):
-            result = np.empty((size, rows) if columns == 1 else (size, columns, rows))
-            buffer.set_res(i, memoryview(result.data))
-            results.append(result if columns == 1 else result.swapaxes(-1, -2))
+        for i, array in enumerate(results):
+            buffer.set_res(i, memoryview(array.data))
         trigger()
-        return results
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,13 +147,22 @@ class BoundFunction:
         self.size = size
         self.inputs = [np.zeros((size, function.size1_in(i))) for i in range(function.n_in())]
         self.outputs = [np.zeros((size, function.size1_out(i))) for i in range(function.n_out())]
-        # The buffer holds bare pointers: it and the arrays must live as long as the trigger.
-        mapped = function if size == 1 else function.map(size)
-        self._buffer, self._trigger = mapped.buffer()
+        compiled = kernel(function) if size >= KERNEL_ROWS else None
+        self._trigger = self._interpreted() if compiled is None else self._compiled(compiled)
+
+    # Both hold bare pointers: they and the arrays must live as long as the trigger.
+
+    def _interpreted(self) -> Callable[[], None]:
+        mapped = self.function if self.size == 1 else self.function.map(self.size)
+        self._buffer, trigger = mapped.buffer()
         for i, array in enumerate(self.inputs):
             self._buffer.set_arg(i, array.data)
         for i, array in enumerate(self.outputs):
             self._buffer.set_res(i, array.data)
+        return cast("Callable[[], None]", trigger)
+
+    def _compiled(self, compiled: Entry) -> Callable[[], None]:
+        return partial(compiled, self.size, pointers(self.inputs), pointers(self.outputs))
 
     def __call__(self) -> None:
         self._trigger()

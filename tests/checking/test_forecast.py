@@ -11,7 +11,7 @@ from moe_policy.planners.stored import StoredPlans
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.sets.sampling import sample
-from ocp_envs.solvers.compilation import find_compiler
+from ocp_envs.support.compiler import find_compiler
 from tests.closed_loop import rest_planner
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 

@@ -7,7 +7,7 @@ from moe_policy.control import riccati
 from moe_policy.control.lqr import Regulator
 from moe_policy.control.resampling import Resampler
 from ocp_envs.problems import BENCHMARK
-from ocp_envs.solvers.compilation import find_compiler
+from ocp_envs.support.compiler import find_compiler
 from tests.plans import random_plan
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 

@@ -7,7 +7,7 @@ from ocp_envs.data import generation, worker
 from ocp_envs.data.generation import generate
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
-from ocp_envs.solvers.compilation import CompiledNotAvailable
+from ocp_envs.support.compiler import CompiledNotAvailable
 from tests.data.running import COUNT, SMALL, Unguarded
 
 

@@ -15,7 +15,7 @@ from tests.synthetic import fake_samples
 
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
-    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.support.compiler.CompiledNotAvailable"),
 ]
 P = np.array([[0.5, 0.0], [2.0, 1.0], [5.0, -1.0]])
 TURN = np.array([2 * np.pi, 0.0])

@@ -18,7 +18,7 @@ from tests.small_problems import DOUBLE_INTEGRATOR
 #: Few solves, of large problems.
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
-    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.support.compiler.CompiledNotAvailable"),
 ]
 START = np.array([8.0, -6.0, 4.0])
 

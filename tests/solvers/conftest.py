@@ -1,7 +1,7 @@
 import pytest
 
 from ocp_envs.problems.pendulum import PENDULUM
-from ocp_envs.solvers import compilation
+from ocp_envs.support import compiler
 from tests.in_process import Solver
 
 
@@ -9,7 +9,7 @@ from tests.in_process import Solver
 def interpreted():
     """Compilation has its own tests; everything else goes without, and so in seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compilation, "find_compiler", lambda: None)
+        patch.setattr(compiler, "find_compiler", lambda: None)
         yield
 
 

@@ -6,12 +6,13 @@ import warnings
 import numpy as np
 import pytest
 
-from ocp_envs.solvers import compilation
-from ocp_envs.solvers.compilation import CompiledNotAvailable, build_solver, find_compiler
+from ocp_envs.solvers.compilation import build_solver
 from ocp_envs.solvers.guesses import guesses
-from ocp_envs.solvers.libraries import UntrustedLibrary, forget, trusted_library
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.transcription import transcribe
+from ocp_envs.support import compiler
+from ocp_envs.support.compiler import CompiledNotAvailable, find_compiler
+from ocp_envs.support.libraries import UntrustedLibrary, forget, trusted_library
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 
@@ -22,7 +23,7 @@ needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compil
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("OCP_ENVS_CACHE", str(tmp_path / "cache"))
-    compilation._warn_once.cache_clear()
+    compiler._warn_once.cache_clear()
     return tmp_path / "cache"
 
 
@@ -47,7 +48,7 @@ def test_compiled_and_interpreted_agree_and_the_library_is_kept(folder, monkeypa
     solve(Solver(DOUBLE_INTEGRATOR))
     assert libraries(folder) == [name]
     assert (folder / name).stat().st_mtime_ns == made
-    monkeypatch.setattr(compilation, "find_compiler", lambda: None)
+    monkeypatch.setattr(compiler, "find_compiler", lambda: None)
     with pytest.warns(CompiledNotAvailable):
         interpreted = solve(Solver(DOUBLE_INTEGRATOR))
     np.testing.assert_allclose(compiled.trajectory.flat(), interpreted.trajectory.flat(), atol=1e-7)
@@ -119,7 +120,7 @@ def test_a_truncated_library_is_built_again_and_never_loaded(folder):
 def test_a_folder_that_cannot_be_used(monkeypatch, tmp_path):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("OCP_ENVS_CACHE", str(tmp_path / "file" / "cache"))
-    monkeypatch.setattr(compilation, "find_compiler", lambda: sys.executable)
+    monkeypatch.setattr(compiler, "find_compiler", lambda: sys.executable)
     with pytest.warns(CompiledNotAvailable):
         assert solve(Solver(DOUBLE_INTEGRATOR, SolverSettings(primary="ipopt"))).solved.all()
 

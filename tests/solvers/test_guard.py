@@ -14,18 +14,18 @@ import numpy as np
 import pytest
 
 from ocp_envs.solvers import guard
-from ocp_envs.solvers.compilation import CompiledNotAvailable
 from ocp_envs.solvers.guard import Guard
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.nlp import NlpSolver, SolverSettings, Status
 from ocp_envs.solvers.solutions import make_tasks
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.solvers.transcription import transcribe
+from ocp_envs.support.compiler import CompiledNotAvailable
 from tests.in_process import Solver
 from tests.small_problems import DOUBLE_INTEGRATOR
 from tests.threads import in_threads
 
-pytestmark = pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable")
+pytestmark = pytest.mark.filterwarnings("ignore::ocp_envs.support.compiler.CompiledNotAvailable")
 HURRIED = SolverSettings(hang_floor=0.3, hang_factor=1.0)
 #: Starts at which the solvers below misbehave.
 HANGS, CRASHES, HANGS_TWICE, CRASHES_TWICE, SLEEPS = 1.0, 2.0, 3.0, 4.0, 5.0

@@ -15,7 +15,7 @@ from tests.solvers.programs import DISC, line
 
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
-    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.support.compiler.CompiledNotAvailable"),
 ]
 P = np.array([[-3.0, 0.4, 1.0], [-4.0, -0.3, 0.8], [-2.0, 2.0, 1.5]])
 

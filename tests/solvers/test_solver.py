@@ -26,7 +26,7 @@ from tests.threads import in_threads
 
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
-    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.support.compiler.CompiledNotAvailable"),
 ]
 IPOPT = SolverSettings(primary="ipopt")
 

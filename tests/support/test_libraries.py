@@ -4,8 +4,8 @@ import warnings
 
 import pytest
 
-from ocp_envs.solvers import libraries
-from ocp_envs.solvers.libraries import UntrustedLibrary, cache_folder, forget, trusted_library
+from ocp_envs.support import libraries
+from ocp_envs.support.libraries import UntrustedLibrary, cache_folder, forget, trusted_library
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "getuid"), reason="POSIX permissions")
 GOOD, EVIL = b"a library", b"planted"
