@@ -35,15 +35,15 @@ def interpreted(monkeypatch):
 
 
 def check_finite(found, wanted):
-    """What is not finite is the same."""
+    """What is not finite is the same; whether an overflow ends in ∞ or, as ∞ − ∞, in NaN is a matter of rounding."""
     for one, other in zip(found, wanted, strict=True):
         np.testing.assert_array_equal(np.isfinite(one), np.isfinite(other))
-        np.testing.assert_array_equal(np.isnan(one), np.isnan(other))
 
 
 def check(found, wanted):
     check_finite(found, wanted)
     for one, other in zip(found, wanted, strict=True):
+        np.testing.assert_array_equal(np.isnan(one), np.isnan(other))
         finite = np.isfinite(other)
         scale = np.abs(np.where(finite, other, 0.0)).reshape(len(other), -1).max(axis=1, initial=1.0)
         error = np.abs(np.where(finite, one - np.where(finite, other, 0.0), 0.0)).reshape(len(other), -1)
@@ -59,7 +59,7 @@ def of_problem(problem):
         system.state.draw(rng, ROWS) / 2,
         system.control.draw(rng, ROWS),
     )  # far from the singularity of a pitch of π/2
-    s, h = problem.context.draw(rng, ROWS), rng.uniform(0.01, 0.2, (ROWS, 1))
+    s, h = problem.context.draw(rng, ROWS), rng.uniform(0.01, 0.1, (ROWS, 1))
     found = {
         "step": (step._plain, (x, u, s)),
         "rate": (problem.batch_rate(), (x, u, s)),
