@@ -45,14 +45,17 @@ class Outcome(Batch):
         if not rows.any():
             return {}
         values: dict[str, NDArray[Any]] = {"parameters": self.parameters, "is_success": self.reached}
-        values |= {"cost": self.cost, "failure": np.where(self.left_box, LEFT_BOX, "").astype(object)}
+        failure = np.full(len(rows), "", dtype=object)
+        failure[self.left_box] = LEFT_BOX
+        values |= {"cost": self.cost, "failure": failure}
         if self.violation is not None:
             values["violation"] = self.violation
         info: Info = {}
+        others = np.flatnonzero(~rows)
         for key, value in values.items():
-            shown = rows if value.ndim == 1 else rows[:, None]
-            nothing: Any = None if value.dtype == object else np.zeros((), dtype=value.dtype)
-            info[key] = np.where(shown, value, nothing)
+            info[key] = value.copy()
+            if len(others):
+                info[key][others] = None if value.dtype == object else 0
             info[f"_{key}"] = rows.copy()
         if (invalid := self.invalid & rows).any():
             info["invalid_action"], info["_invalid_action"] = invalid, invalid.copy()

@@ -186,7 +186,7 @@ class NlpSolver:
         return Result(
             status=backend.status(outcome),
             w=backend.w.copy(),
-            cost=float(backend.cost[0]),
+            cost=float(backend.cost[0]) * self._transcription.cost_scale,
             multipliers=self._transcription.clearance_multipliers(backend.lam_g),
             iterations=iterations,
             fallback=backend is not primary,

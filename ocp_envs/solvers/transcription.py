@@ -2,7 +2,7 @@
 
 With N knots, intervals of equal length h = t_f/(N−1) and controls constant within an interval, the program is
 
-    minimise    Σ_k cost(x_k, u_k, s, h_k)
+    minimise    Σ_k cost(x_k, u_k, s, h_k) / cost_scale
     subject to  x_{k+1} − F(x_k, u_k, s, h_k) = 0,   h_{k+1} − h_k = 0,   clearances(x_k, s) ≥ 0   (k ≥ 1),
 
 where F and cost are ``problem.flow`` (Betts, *Practical Methods for Optimal Control and Estimation*, ch. 4), x_0 and
@@ -13,7 +13,8 @@ one more state, so that the program has the stagewise structure that fatrop expl
     g = [defect_0 | defect_1, clearances_1 | … | clearances_{N−1}]
 
 All variables are scaled to order one: states by their scale, controls as the deviation from the control that keeps the
-system at the goal, by their scale, and h by half its upper bound. The target enters through the bounds of the last
+system at the goal, by their scale, and h by half its upper bound. The cost is scaled by a power of 100 where a typical
+cost is not between 1 and 100, since the solvers' tolerances are absolute. The target enters through the bounds of the last
 knot. They form a small box because fatrop stagnates on equalities there.
 """
 
@@ -26,6 +27,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from ocp_envs.points import points_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.kept import kept
@@ -43,7 +45,7 @@ class Transcription:
     """A nonlinear program and the layout of its variables; holds no reference to the problem and can be pickled.
 
     The program ``nlp`` is (w, [x_0; s]) → (f, g), its sizes are ``knots``, ``nx``, ``nu`` and ``n_clearances``, and its
-    scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and h / ``step_scale``. Without
+    scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and h / ``step_scale``; f is J / ``cost_scale``. Without
     the goal, w has the bounds ``lower`` and ``upper`` (nw,); ``targets`` (W, nx) are goal states, one per winding.
     """
 
@@ -56,6 +58,7 @@ class Transcription:
     control_scale: Array
     control_centre: Array
     step_scale: float
+    cost_scale: float
     lower: Array
     upper: Array
     targets: Array
@@ -135,10 +138,10 @@ class Transcription:
     def clearance_multipliers(self, lam_g: Array) -> Array:
         """Multipliers of the clearances at the knots k ≥ 1, (N − 1, nh), positive where the constraint is active.
 
-        CasADi's multipliers ``lam_g`` (ng,) of g are negative at lower bounds. Clearances and cost are not scaled, so
-        these are −∂J/∂(clearance), in units of cost per unit of clearance.
+        CasADi's multipliers ``lam_g`` (ng,) of g are negative at lower bounds. Clearances are not scaled, so these are
+        −∂J/∂(clearance), in units of cost per unit of clearance.
         """
-        return np.maximum(-lam_g[self.clearance_rows], 0.0)
+        return np.maximum(-lam_g[self.clearance_rows], 0.0) * self.cost_scale
 
 
 def _present(knots: int, nx: int, nu: int) -> NDArray[np.bool_]:
@@ -161,8 +164,9 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
         row = np.concatenate([state / system.state.scale, np.array([step / step_scale]), scaled_control])
         return np.tile(row, (knots, 1))[present]
 
+    cost_scale = _cost_scale(problem)
     return Transcription(
-        nlp=_program(problem, step_scale),
+        nlp=_program(problem, step_scale, cost_scale),
         knots=knots,
         nx=system.nx,
         nu=system.nu,
@@ -171,10 +175,24 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
         control_scale=system.control.scale,
         control_centre=centre,
         step_scale=step_scale,
+        cost_scale=cost_scale,
         lower=scaled(system.state.lower, shortest, system.control.lower),
         upper=scaled(system.state.upper, longest, system.control.upper),
         targets=problem.targets,
     )
+
+
+def _cost_scale(problem: OptimalControlProblem) -> float:
+    """The power of 100 that brings a typical cost of ``problem`` to between 1 and 100.
+
+    Typical is the median of the cost rate, at the points at which a declaration is tried, over half the longest
+    duration.
+    """
+    rates = [problem.batch_rate()(at.states, at.controls, at.contexts)[1] for at in points_of(problem)]
+    rate = np.abs(np.concatenate(rates))
+    usable = rate[np.isfinite(rate) & (rate > 0)]
+    typical = (np.median(usable) if len(usable) else 0.0) * problem.duration[1] / 2
+    return float(100.0 ** np.floor(np.log10(typical) / 2)) if typical > 0 else 1.0
 
 
 def _interval(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
@@ -188,7 +206,7 @@ def _interval(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
     return ca.Function("interval", [ca.vertcat(x, h, u), s], [ca.vertcat(following / scale, h), cost])
 
 
-def _program(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
+def _program(problem: OptimalControlProblem, step_scale: float, cost_scale: float) -> ca.Function:
     nx, nu, m = problem.system.nx, problem.system.nu, problem.knots - 1
     scale = ca.DM(problem.system.state.scale)
     x, _, s = problem.symbols()
@@ -204,6 +222,7 @@ def _program(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
     following, costs = _interval(problem, step_scale).map(m)(ca.horzcat(*stages[:-1]), contexts)
     defects, free = ends - following, clearances.map(m)(ends[:nx, :], contexts)
     rows = ca.vertcat(defects[:, 0], ca.vec(ca.vertcat(defects[:, 1:], free[:, :-1])), free[:, -1])
-    nlp = ca.Function("nlp", [w, parameter], [ca.sum2(costs), rows], ["x", "p"], ["f", "g"])
+    cost = ca.sum2(costs) / cost_scale
+    nlp = ca.Function("nlp", [w, parameter], [cost, rows], ["x", "p"], ["f", "g"])
     expanded = nlp.expand()
     return expanded if expanded.n_nodes() <= _EXPANDED else nlp
