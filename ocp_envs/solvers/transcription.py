@@ -14,8 +14,8 @@ one more state, so that the program has the stagewise structure that fatrop expl
 
 All variables are scaled to order one: states by their scale, controls as the deviation from the control that keeps the
 system at the goal, by their scale, and h by half its upper bound. The cost is scaled by a power of 100 where a typical
-cost is not between 1 and 100, since the solvers' tolerances are absolute. The target enters through the bounds of the last
-knot. They form a small box because fatrop stagnates on equalities there.
+cost is not between 1 and 100, since the solvers' tolerances are absolute. The target enters through the bounds of the
+last knot. They form a small box because fatrop stagnates on equalities there.
 """
 
 from __future__ import annotations
@@ -44,9 +44,10 @@ _EXPANDED = 10_000
 class Transcription:
     """A nonlinear program and the layout of its variables; holds no reference to the problem and can be pickled.
 
-    The program ``nlp`` is (w, [x_0; s]) → (f, g), its sizes are ``knots``, ``nx``, ``nu`` and ``n_clearances``, and its
-    scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and h / ``step_scale``; f is J / ``cost_scale``. Without
-    the goal, w has the bounds ``lower`` and ``upper`` (nw,); ``targets`` (W, nx) are goal states, one per winding.
+    The program ``nlp`` is (w, [x_0; s]) → (f, g), its sizes are ``knots``, ``nx``, ``nu`` and ``n_clearances``, and
+    its scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and h / ``step_scale``; f
+    is J / ``cost_scale``. Without the goal, w has the bounds ``lower`` and ``upper`` (nw,); ``targets`` (W, nx) are
+    goal states, one per winding.
     """
 
     nlp: ca.Function

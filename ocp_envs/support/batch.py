@@ -48,20 +48,21 @@ class BatchFunction:
     """A dense CasADi function on a leading batch axis.
 
     Arguments and results have shape (B, rows) for column vectors and (B, rows, columns) for matrices. Results are new
-    arrays on each call. Threads may share it, and it may be copied and pickled.
+    arrays on each call. Threads may share it, and it may be copied and pickled. From ``kernel_rows`` rows on, the
+    compiled ``function`` is evaluated.
     """
 
-    def __init__(self, function: ca.Function) -> None:
+    def __init__(self, function: ca.Function, kernel_rows: float = KERNEL_ROWS) -> None:
         for i in range(function.n_out()):
             if not function.sparsity_out(i).is_dense():
                 raise ValueError(f"{function.name()}: output {i} is sparse; build it with dense_function")
-        self.function = function
+        self.function, self.kernel_rows = function, kernel_rows
         self._in = [function.size_in(i) for i in range(function.n_in())]
         self._out = [function.size_out(i) for i in range(function.n_out())]
         self._buffers = _Buffers()
 
     def __reduce__(self) -> tuple[object, ...]:
-        return BatchFunction, (self.function,)
+        return BatchFunction, (self.function, self.kernel_rows)
 
     @cached_property
     def _kernel(self) -> Entry | None:
@@ -80,7 +81,7 @@ class BatchFunction:
 
     def bind(self, size: int) -> BoundFunction:
         """The function on ``size`` rows with arrays of its own, for callers that step in place."""
-        return BoundFunction(self.function, size)
+        return BoundFunction(self.function, size, self.kernel_rows)
 
     def __call__(self, *arguments: Array) -> list[Array]:
         if len(arguments) != len(self._in):
@@ -89,7 +90,7 @@ class BatchFunction:
         if size == 0:
             return [np.empty((0, rows) if columns == 1 else (0, rows, columns)) for rows, columns in self._out]
         held, results = self._held(size, arguments), self._empty(size)
-        compiled = self._kernel if size >= KERNEL_ROWS else None
+        compiled = self._kernel if size >= self.kernel_rows else None
         if compiled is not None:
             compiled(size, pointers(held), pointers(results))
         else:
@@ -140,14 +141,13 @@ class BoundFunction:
     carry the values over. This is what makes stepping a single environment as cheap as a Python call.
     """
 
-    def __init__(self, function: ca.Function, size: int) -> None:
+    def __init__(self, function: ca.Function, size: int, kernel_rows: float = KERNEL_ROWS) -> None:
         if size < 1:
             raise ValueError(f"{function.name()}: expected at least one row, got {size}")
-        self.function = function
-        self.size = size
+        self.function, self.size, self.kernel_rows = function, size, kernel_rows
         self.inputs = [np.zeros((size, function.size1_in(i))) for i in range(function.n_in())]
         self.outputs = [np.zeros((size, function.size1_out(i))) for i in range(function.n_out())]
-        compiled = kernel(function) if size >= KERNEL_ROWS else None
+        compiled = kernel(function) if size >= kernel_rows else None
         self._trigger = self._interpreted() if compiled is None else self._compiled(compiled)
 
     # Both hold bare pointers: they and the arrays must live as long as the trigger.
@@ -168,11 +168,13 @@ class BoundFunction:
         self._trigger()
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _rebind, (self.function, self.size, self.inputs, self.outputs)
+        return _rebind, (self.function, self.size, self.kernel_rows, self.inputs, self.outputs)
 
 
-def _rebind(function: ca.Function, size: int, inputs: list[Array], outputs: list[Array]) -> BoundFunction:
-    bound = BoundFunction(function, size)
+def _rebind(
+    function: ca.Function, size: int, kernel_rows: float, inputs: list[Array], outputs: list[Array]
+) -> BoundFunction:
+    bound = BoundFunction(function, size, kernel_rows)
     for own, values in zip(bound.inputs + bound.outputs, inputs + outputs):
         own[:] = values
     return bound

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from ocp_envs import problems
 from ocp_envs.envs.simulation import Simulator
-from ocp_envs.support import batch, compiler, kernels
+from ocp_envs.support import compiler, kernels
 from ocp_envs.support.batch import BatchFunction, dense_function
 from ocp_envs.support.compiler import CompiledNotAvailable, find_compiler
 from ocp_envs.support.kernels import kernel
@@ -22,16 +22,8 @@ SPECIAL = (np.nan, np.inf, -np.inf, 0.0, 1e300, -1e300, 1e-310, -1.0, 1e9)
 ROUNDING = 1e-13
 
 
-@pytest.fixture
-def interpreted(monkeypatch):
-    """Calls a function with the interpreter."""
-
-    def call(function, *arguments):
-        with monkeypatch.context() as patch:
-            patch.setattr(batch, "KERNEL_ROWS", len(arguments[0]) + 1)
-            return function(*arguments)
-
-    return call
+def interpreted(function, *arguments):
+    return BatchFunction(function.function, np.inf)(*arguments)
 
 
 def check_finite(found, wanted):
@@ -70,7 +62,7 @@ def of_problem(problem):
 
 
 @pytest.mark.parametrize("name", problems.names())
-def test_kernels_of_the_catalogue_are_the_interpreted_functions(name, interpreted):
+def test_kernels_of_the_catalogue_are_the_interpreted_functions(name):
     for function, arguments in of_problem(problems.load(name)).values():
         assert kernel(function.function) is not None
         check(function(*arguments), interpreted(function, *arguments))
@@ -124,7 +116,7 @@ GRID = np.stack(np.meshgrid(*2 * [(*SPECIAL, 0.3, -0.7, 2.5, -3.0, 30.0)]), axis
 
 
 @pytest.mark.parametrize("name", [*ONE, *TWO])
-def test_every_instruction_is_that_of_the_interpreter(name, interpreted):
+def test_every_instruction_is_that_of_the_interpreter(name):
     expression = ONE[name](A) if name in ONE else TWO[name](A, B)
     function = BatchFunction(dense_function("f", [ca.vertcat(A, B)], [ca.SX(expression)]))
     assert kernel(function.function) is not None

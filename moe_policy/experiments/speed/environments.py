@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import gymnasium as gym
@@ -14,12 +14,14 @@ from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments.records import Record, renamed
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import rollout
+from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.envs.env import Env
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.accuracy import integrate
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.batch import BatchFunction
 from ocp_envs.support.provenance import Provenance
 from ocp_envs.system import Box
 
@@ -68,11 +70,29 @@ class SingleStep(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class KernelSpeed(Record):
+    """Rows per second of a function on many rows, of its compiled kernel and of CasADi's interpreter.
+
+    Medians over interleaved runs; ``largest_difference`` is that of their results, relative to the largest result of
+    each row or to 1.
+    """
+
+    function: str
+    rows_per_second: float
+    interpreted_rows_per_second: float
+    ratio: float
+    largest_difference: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class EnvironmentSpeed(Record):
-    """Speed on one core: by id of the problem, single steps with and without the wrappers of ``gym.make``."""
+    """Speed on one core: by id of the problem, environments with observations and rewards, functions on as many rows,
+    and single steps with and without the wrappers of ``gym.make``.
+    """
 
     num_envs: int
     steps_per_second: dict[str, float]
+    kernels: dict[str, tuple[KernelSpeed, ...]]
     single_step_microseconds: dict[str, SingleStep]
     substeps: dict[str, tuple[Substeps, ...]]
     provenance: Provenance
@@ -100,6 +120,50 @@ def vector_rate(envs: VectorEnv, steps: int, repetitions: int = 7) -> float:
 
     run()
     return envs.num_envs * steps / best_time(run, repetitions)
+
+
+def kernels_of(problem: OptimalControlProblem, rows: int, repetitions: int) -> tuple[KernelSpeed, ...]:
+    """Speed of the functions of ``problem`` on ``rows`` rows, from the middle half of their boxes."""
+    rng = np.random.default_rng(SEED)
+    x, u, s = (
+        box.centre + box.width / 4 * rng.uniform(-1, 1, (rows, len(box)))
+        for box in (problem.system.state, problem.system.control, problem.context)
+    )
+    h = np.full((rows, 1), DT)
+    substeps = runge_kutta_steps(problem, DT, None)
+    functions = {
+        "control step": (BatchFunction(Simulator(problem, DT).step_function), (x, u, s)),
+        "rate": (problem.batch_rate(), (x, u, s)),
+        "linearisation": (problem.batch_linearisation(substeps).jacobian, (x, u, s, h)),
+    }
+    return tuple(_kernel_of(name, *each, repetitions) for name, each in functions.items())
+
+
+def _kernel_of(name: str, compiled: BatchFunction, arguments: Sequence[Array], repetitions: int) -> KernelSpeed:
+    """Speed of the function ``name`` at ``arguments``."""
+    interpreted = BatchFunction(compiled.function, np.inf)
+    found, wanted = compiled(*arguments), interpreted(*arguments)
+    seconds: list[list[float]] = [[], []]
+    for _ in range(repetitions):
+        for function, times in zip((compiled, interpreted), seconds):
+            began = time.perf_counter()
+            function(*arguments)
+            times.append(time.perf_counter() - began)
+    fast, slow = (float(np.median(times)) for times in seconds)
+    rows = len(arguments[0])
+    return KernelSpeed(
+        function=name,
+        rows_per_second=rows / fast,
+        interpreted_rows_per_second=rows / slow,
+        ratio=slow / fast,
+        largest_difference=max(_difference(*each) for each in zip(found, wanted, strict=True)),
+    )
+
+
+def _difference(found: Array, wanted: Array) -> float:
+    """The largest difference, relative to the largest value of each row or to 1."""
+    error, size = (np.abs(each).reshape(len(wanted), -1).max(axis=1, initial=0.0) for each in (found - wanted, wanted))
+    return float((error / np.maximum(size, 1.0)).max())
 
 
 def single_step(env: gym.Env[object, object], steps: int = 5000, repetitions: int = 7) -> float:
