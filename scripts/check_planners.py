@@ -17,18 +17,15 @@ from pathlib import Path
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.checking import (
-    BOUND_COLUMNS,
-    CHECK_COLUMNS,
-    TIME_COLUMNS,
     BoundRow,
     CheckRow,
     Measured,
     PlannerChecks,
     PlanTime,
     kept,
-    lines,
     planners,
 )
+from moe_policy.experiments.checking_tables import BOUND_COLUMNS, CHECK_COLUMNS, TIME_COLUMNS, lines
 from moe_policy.experiments.comparison import Optimum, track_optimum
 from moe_policy.experiments.methods import Method, shipped
 from moe_policy.experiments.splits import SPLITS

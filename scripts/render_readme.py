@@ -11,6 +11,15 @@ from typing import TypeVar
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
+from moe_policy.experiments.checking import PlannerChecks
+from moe_policy.experiments.checking_tables import (
+    BOUND_COLUMNS,
+    CHECK_COLUMNS,
+    REPAIR_COLUMNS,
+    TIME_COLUMNS,
+    checked_lines,
+    repair_lines,
+)
 from moe_policy.experiments.cluster_choice import CLUSTER_COLUMNS, ClusterChoice
 from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
 from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLUMNS
@@ -50,6 +59,10 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("compare", None): table(Comparison, lambda record: record.rows, COLUMNS),
     ("compare_training", None): table(TrainingComparison, lambda record: record.rows, TRAINING_COLUMNS),
     ("compare_splits", None): table(SplitComparison, lines, SPLIT_COLUMNS),
+    ("planners_checked", None): table(PlannerChecks, checked_lines, CHECK_COLUMNS),
+    ("planners_checked", "repaired"): table(PlannerChecks, repair_lines, REPAIR_COLUMNS),
+    ("planners_checked", "times"): table(PlannerChecks, lambda record: record.times, TIME_COLUMNS),
+    ("planners_checked", "bounds"): table(PlannerChecks, lambda record: record.bounds, BOUND_COLUMNS),
     ("clusters", None): table(ClusterChoice, lambda record: record.rows, CLUSTER_COLUMNS),
     ("discretisation", None): table(Discretisation, lambda record: record.rows, DISCRETISATION_COLUMNS),
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),

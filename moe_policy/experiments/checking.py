@@ -17,9 +17,7 @@ from moe_policy.checking.shipped import SHIPPED
 from moe_policy.checking.verdict import HOW, CheckedPlans
 from moe_policy.experiments.comparison import ComparisonRow, Optimum, run
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.metric_columns import METRICS
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, read, write
-from moe_policy.experiments.tables import Column, duration, proportion
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline, read, write
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.repaired import Repaired
 from moe_policy.planners.stored import StoredPlans
@@ -163,6 +161,12 @@ def planners(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[
     return [*found, Method(CHECKED, store.load(problem, CHECKED, kind=Checked))]
 
 
+def effort_of(name: str) -> tuple[str, str]:
+    """The name of the planner that is repaired under ``name``, and how: "", "3 iterations" … or "converged"."""
+    planner, repaired, effort = name.partition(", repaired")
+    return planner, (effort.removeprefix(", ") or "converged") if repaired else ""
+
+
 def measure(problem: OptimalControlProblem, method: Method, p: Array, optimum: Optimum) -> Measured:
     """Roll ``method`` out from ``p`` (B, np) and compare its verdicts, if it has any, with what happens.
 
@@ -212,48 +216,3 @@ def kept(problem: OptimalControlProblem, method: Method, p: Array, optimum: Opti
     folder.mkdir(parents=True, exist_ok=True)
     write(path, measured)
     return measured
-
-
-def _made(what: str) -> Column[CheckRow]:
-    def of(row: CheckRow) -> int | None:
-        making = present(row.making)
-        return None if making is None else getattr(making, what)
-
-    return Column(what, of, ",")
-
-
-@dataclass(frozen=True, eq=False)
-class Line:
-    """One planner on one split, a line of the table."""
-
-    split: str  # empty but in the first line of a split
-    row: CheckRow
-
-
-def lines(record: PlannerChecks) -> list[Line]:
-    """The lines of the table of ``record``, split by split."""
-    return [
-        Line("" if i else f"{split}, of {rows[0].row.metrics.success.total:,}", row)
-        for split, rows in record.splits.items()
-        for i, row in enumerate(rows)
-    ]
-
-
-CHECK_COLUMNS: tuple[Column[Line], ...] = (
-    Column("split", lambda line: line.split),
-    Column("planner", lambda line: line.row.row.name),
-    *(metric.column.of_part(lambda line: line.row.row.metrics) for metric in METRICS),
-    *(_made(what).of_part(lambda line: line.row) for what in (*HOW, "verified", "wrong")),
-)
-TIME_COLUMNS: tuple[Column[PlanTime], ...] = (
-    Column("planner", lambda row: row.name),
-    Column("a plan, median", lambda row: row.median, duration),
-    Column("… exceeded by 1 %", lambda row: row.quantile_99, duration),
-)
-BOUND_COLUMNS: tuple[Column[BoundRow], ...] = (
-    Column("planner", lambda row: row.name),
-    Column("succeeds, at least (95 % confidence)", lambda row: row.success_bound, ".2%"),
-    Column("… measured", lambda row: row.success_measured, proportion),
-    Column("cost / optimal of 95 %, at most", lambda row: row.cost_bound, ".3f"),
-    Column("… measured coverage", lambda row: row.coverage, proportion),
-)

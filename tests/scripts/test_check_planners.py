@@ -7,7 +7,16 @@ import pytest
 
 import moe_policy
 from moe_policy.experiments import checking
-from moe_policy.experiments.checking import BOUND_COLUMNS, CHECK_COLUMNS, TIME_COLUMNS, BoundRow, PlannerChecks, lines
+from moe_policy.experiments.checking import BoundRow, PlannerChecks
+from moe_policy.experiments.checking_tables import (
+    BOUND_COLUMNS,
+    CHECK_COLUMNS,
+    REPAIR_COLUMNS,
+    TIME_COLUMNS,
+    checked_lines,
+    lines,
+    repair_lines,
+)
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import ABSENT, read
 from moe_policy.experiments.tables import markdown_table
@@ -51,6 +60,10 @@ def test_every_planner_is_measured_on_every_split_and_kept(few, monkeypatch, tmp
     assert [row.name for row in record.times] == names[1:]
     table = markdown_table(lines(record), CHECK_COLUMNS)
     assert f"| uniform, of {CASES} | optimal |" in table
+    repaired = repair_lines(record)
+    assert [(line.name, list(line.efforts)) for line in repaired] == [("snn", ["", "3 iterations"])] * 4
+    assert "| as it is | 3 iterations |" in markdown_table(repaired, REPAIR_COLUMNS).replace("  ", " ")
+    assert [line.row.row.name for line in checked_lines(record)] == ["optimal", "checked"] * 4
     assert "a plan, median" in markdown_table(record.times, TIME_COLUMNS)
     assert [row.name for row in record.bounds] == ["snn", "checked"]
     assert all(row.cost_bound is None and row.coverage.count == CASES for row in record.bounds)  # too few instances
