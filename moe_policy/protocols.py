@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
@@ -16,6 +17,7 @@ from ocp_envs.trajectory import Trajectory
 State: TypeAlias = Any
 
 
+@runtime_checkable
 class Planner(Protocol):
     """A planner maps parameters to plans."""
 
@@ -62,6 +64,7 @@ class ExactPolicy(Policy, Protocol):
         """Refuse an environment ``env`` for which the policy is not made, with a TypeError or a ValueError."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Schedule(Batch):
     """The schedule of a batch of B planned episodes, known before they run; all arrays are (B,).

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, TypeVar, overload
 from moe_policy.checking import shipped as checking
 from moe_policy.model_files import ModelFile, ModelFileError, read_model
 from moe_policy.protocols import Policy
-from ocp_envs import problems
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
+from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     Model: TypeAlias = PlannerModel | PolicyModel
 
 M = TypeVar("M")
-ProblemOrId = OptimalControlProblem | str
 PathLike = str | os.PathLike[str]
 SHIPPED = Path(__file__).parent / "models"
 
@@ -94,19 +94,16 @@ ALWAYS: Mapping[str, Callable[[OptimalControlProblem], Model]] = MappingProxyTyp
 COMPOSED: Mapping[str, Callable[[OptimalControlProblem], Model]] = MappingProxyType({"checked": _checked})
 
 
-def _resolved(problem: ProblemOrId) -> OptimalControlProblem:
-    return problems.load(problem) if isinstance(problem, str) else problem
-
-
 def _expect(model: Model, kind: type[M], name: object) -> M:
     if not isinstance(model, kind):
         raise TypeError(f"{name} is a {type(model).__name__}, expected a {kind.__name__}")
     return model
 
 
+@checked
 def available(problem: ProblemOrId) -> list[str]:
     """Names that :func:`load` knows for ``problem``, or for the registered one of that id, in alphabetical order."""
-    problem = _resolved(problem)
+    problem = problem_of(problem)
     shipped = {path.name.removesuffix(".json") for path in (SHIPPED / problem.id).glob("*.json")}
     if problem.id in checking.SHIPPED and checking.SHIPPED[problem.id].planner in shipped:
         shipped |= set(COMPOSED)
@@ -118,6 +115,7 @@ def available(problem: ProblemOrId) -> list[str]:
 def load(problem: ProblemOrId, name: str) -> Model: ...
 @overload
 def load(problem: ProblemOrId, name: str, *, kind: type[M]) -> M: ...
+@checked
 def load(problem: ProblemOrId, name: str, *, kind: type[M] | None = None) -> Model | M:
     """A shipped planner or policy.
 
@@ -132,7 +130,7 @@ def load(problem: ProblemOrId, name: str, *, kind: type[M] | None = None) -> Mod
         ModelFileError: its files are unusable, or made for another problem of that id.
         TypeError: the model is of another class than ``kind``.
     """
-    problem, names = _resolved(problem), available(problem)
+    problem, names = problem_of(problem), available(problem)
     if name not in names:
         raise UnknownModelError(f"{problem.id} has no model {name!r}; {did_you_mean(name, names)}there are {names}")
     made = {**ALWAYS, **COMPOSED}
@@ -140,6 +138,7 @@ def load(problem: ProblemOrId, name: str, *, kind: type[M] | None = None) -> Mod
     return model if kind is None else _expect(model, kind, name)
 
 
+@checked
 def load_planner(problem: ProblemOrId, name: str) -> PlannerModel:
     """:func:`load` with the types of planners alone; TypeError where ``name`` is a policy of ``problem``."""
     model = load(problem, name)
@@ -148,6 +147,7 @@ def load_planner(problem: ProblemOrId, name: str) -> PlannerModel:
     return model
 
 
+@checked
 def load_policy(problem: ProblemOrId, name: str) -> PolicyModel:
     """:func:`load` with the types of policies alone; TypeError where ``name`` is a planner of ``problem``."""
     model = load(problem, name)
@@ -160,6 +160,7 @@ def load_policy(problem: ProblemOrId, name: str) -> PolicyModel:
 def load_file(path: PathLike, problem: ProblemOrId | None = None) -> Model: ...
 @overload
 def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[M]) -> M: ...
+@checked
 def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[M] | None = None) -> Model | M:
     """The planner or policy saved at ``path``.
 
@@ -172,9 +173,12 @@ def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[
         ModelFileError: the files are unusable, or made for another problem.
         UnknownProblemError: the problem is not registered.
         TypeError: the model is of another class than ``kind``.
+        ValueError: a path without a name.
     """
+    if not Path(path).name:
+        raise ValueError(f"path: expected the path of a model's files, got {os.fspath(path)!r}")
     file = read_model(path)
-    problem = _resolved(str(file.description.get("problem")) if problem is None else problem)
+    problem = problem_of(str(file.description.get("problem")) if problem is None else problem)
     file.check_problem(problem)
     try:
         model = READERS[file.description["kind"]](file, problem)

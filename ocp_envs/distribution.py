@@ -16,6 +16,7 @@ import numpy as np
 
 from ocp_envs import tables
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Uniform(Distribution):
 UNIFORM = Uniform()
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Blocked(Distribution):
     """Conditioned on the free optimum being blocked.

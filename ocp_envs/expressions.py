@@ -10,6 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
 
 _CASADI = (ca.SX, ca.MX, ca.DM)
@@ -26,6 +27,7 @@ class Names(SimpleNamespace):
     names were read.
     """
 
+    @checked
     def __init__(self, kind: str, values: Mapping[str, object]) -> None:
         super().__init__(**values)
         self.__dict__["/kind"], self.__dict__["/read"] = kind, set()  # no identifiers, so that no name is in the way

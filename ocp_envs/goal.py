@@ -10,6 +10,7 @@ import numpy as np
 
 from ocp_envs.support import fields
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.doors import checked
 from ocp_envs.system import System, inside
 from ocp_envs.trajectory import Trajectory
 
@@ -142,6 +143,7 @@ def _all_in_one(problem: OptimalControlProblem, parameters: Array, trajectory: T
 SINGLE_MODE = Modes(("all",), _all_in_one)
 
 
+@checked
 def winding_modes(names: Sequence[str]) -> Modes:
     """One family for each winding of the goal: that of the target nearest to the final state.
 

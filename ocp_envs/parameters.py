@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
 BOX_TOLERANCE = 1e-6
@@ -30,6 +31,7 @@ class OutsideBoxError(ValueError):
     """A parameter lies outside the parameter box."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Parametrisation:
     """The map between p and (x_0, s).

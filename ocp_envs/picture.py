@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.checks import check_whole
+from ocp_envs.support.doors import checked
 
 
 def _check_points(name: str, points: Array, least: int) -> None:
@@ -16,6 +18,7 @@ def _check_points(name: str, points: Array, least: int) -> None:
         raise ValueError(f"{name}: expected points (n, 2) or (n, 3) with n at least {least}, got {shape}")
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Line:
     """A polyline through ``points`` (n, 2) or (n, 3), metres; ``width`` in points, ``color`` as in Matplotlib."""
@@ -28,6 +31,7 @@ class Line:
         _check_points("Line", self.points, 1)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Face:
     """A filled plane polygon with the corners ``points`` (n, 2) or (n, 3), metres.
@@ -43,6 +47,7 @@ class Face:
         _check_points("Face", self.points, 3)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Ball:
     """A disc with ``center`` (2,) or a sphere with ``center`` (3,); ``radius`` and centre in metres.
@@ -69,20 +74,29 @@ def corners(shape: Shape) -> Array:
     return shape.center[None] if isinstance(shape, Ball) else shape.points
 
 
+@checked
 def disc(center: Array, radius: float, corners: int = 25, rotation: Array | None = None) -> Array:
     """A polygon that approximates a disc in space, (n, 3).
 
     Args:
         center: of the disc, (3,), metres.
         radius: metres.
-        corners: n.
+        corners: n, at most 1000.
         rotation: (3, 3); its third column is the normal of the disc, upwards by default.
+
+    Raises:
+        TypeError, ValueError: arguments of other types or shapes.
     """
+    check_whole("corners", corners, 3, 1000)
+    turn = np.eye(3) if rotation is None else rotation
+    if np.shape(center) != (3,) or np.shape(turn) != (3, 3):
+        raise ValueError(f"expected center (3,) and rotation (3, 3), got {np.shape(center)} and {np.shape(turn)}")
     angle = np.linspace(0, 2 * np.pi, corners)
     flat = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(corners)], axis=1)
-    return np.asarray(center + (flat if rotation is None else flat @ rotation.T))
+    return np.asarray(center + flat @ np.transpose(turn))
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Picture:
     """How to draw a problem, in the plane or in space.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocp_envs.support.arrays import Array, frozen_array
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 from ocp_envs.trajectory import Trajectory
 
@@ -26,6 +27,7 @@ def _covers(box: Box, points: Array) -> bool:
     return bool(box.contains(np.where(box.periods > 0, box.centre, points), 1e-9).all())
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Symmetry:
     """A linear symmetry of order two: x → X x, u → U u, s → S s, with ẋ(X x, U u, S s) = X ẋ(x, u, s).

@@ -111,7 +111,7 @@ class Box:
     coordinates: tuple[Coordinate, ...]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.coordinates, Sequence):
+        if isinstance(self.coordinates, str) or not isinstance(self.coordinates, Sequence):
             raise TypeError(f"box: coordinates must be a tuple of Coordinate, got {self.coordinates!r}")
         object.__setattr__(self, "coordinates", tuple(self.coordinates))
         for coordinate in self.coordinates:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.support.arrays import Array, read_only
+from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 
 
@@ -22,6 +23,7 @@ def flat_size(knots: int, nx: int, nu: int) -> int:
     return knots * nx + (knots - 1) * nu + 1
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Trajectory(Batch):
     """A batch of B trajectories.

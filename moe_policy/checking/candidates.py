@@ -9,11 +9,12 @@ import numpy as np
 from moe_policy.planners.margin import Margin, WithMargin
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import MixtureOfExperts
-from moe_policy.planners.owner import problem_of
+from moe_policy.planners.owner import planned_problem
 from moe_policy.protocols import Planner
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.checks import check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 
@@ -39,15 +40,16 @@ class Candidates:
             ``problem`` where none is given.
     """
 
+    @checked
     def __init__(
         self,
         planner: Planner,
         experts: int = 2,
         margins: Sequence[Margin] = (),
         *,
-        problem: OptimalControlProblem | None = None,
+        problem: ProblemOrId | None = None,
     ) -> None:
-        self.problem = problem_of(planner, problem)
+        self.problem = planned_problem(planner, problem)
         check_whole("experts", experts)
         self.planner = planner
         self._gate, plain = None, [planner]

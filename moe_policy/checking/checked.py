@@ -24,8 +24,9 @@ from moe_policy.planners.margin import Margin
 from moe_policy.planners.owner import check_owner
 from moe_policy.protocols import Planner
 from ocp_envs.feasibility import infeasible_rows
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 #: Episodes that are predicted at once: the gains along many plans need much memory.
@@ -45,6 +46,7 @@ class BestOf:
         name: short name for tables; by default that of the planner with the number of plans.
     """
 
+    @checked
     def __init__(
         self,
         candidates: Candidates,
@@ -102,6 +104,7 @@ class Checked:
             problem does not have, or an argument out of its range.
     """
 
+    @checked
     def __init__(
         self,
         planner: Planner,
@@ -114,7 +117,7 @@ class Checked:
         weights: TrackingWeights | None = None,
         constants: Mapping[str, float] | None = None,
         abstain: bool = True,
-        problem: OptimalControlProblem | None = None,
+        problem: ProblemOrId | None = None,
         name: str | None = None,
     ) -> None:
         self.candidates = Candidates(planner, experts, margins, problem=problem)

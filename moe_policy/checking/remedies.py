@@ -17,6 +17,7 @@ from ocp_envs.solvers.improvement import improve, knot_margins
 from ocp_envs.solvers.solver import lent_solvers
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.checks import check_number, check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 #: How much a margin grows, as a multiple of the depth in the constraint, and at least; and the violation at the knots
@@ -24,6 +25,7 @@ from ocp_envs.trajectory import Trajectory
 _FACTOR, _LEAST, _SETTLED = 1.5, 0.01, 1e-3
 
 
+@checked
 @dataclass(frozen=True)
 class Repair:
     """How plans are repaired.

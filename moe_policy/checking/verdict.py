@@ -10,6 +10,8 @@ import numpy as np
 from moe_policy.checking.forecast import SLACK, Predicted
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Bools
+from ocp_envs.support.doors import checked
+from ocp_envs.support.kinds import AnyFloat
 from ocp_envs.trajectory import Trajectory
 
 #: How a plan was made: a candidate as it was predicted, one that the solver improved by a few iterations, a solution of
@@ -18,6 +20,7 @@ How: TypeAlias = Literal["chosen", "repaired", "solved", "abstained"]
 HOW: tuple[How, ...] = ("chosen", "repaired", "solved", "abstained")
 
 
+@checked
 @dataclass(frozen=True)
 class Verdict:
     """What is known of one plan before it is flown.
@@ -36,13 +39,14 @@ class Verdict:
     how: How
     source: str
     verified: bool
-    cost: float
-    clearance: float
-    final_error: float
+    cost: AnyFloat
+    clearance: AnyFloat
+    final_error: AnyFloat
     milliseconds: float
     reason: str
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class CheckedPlans:
     """B plans, ``trajectory``, and a verdict on each, ``verdicts``."""

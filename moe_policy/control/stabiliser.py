@@ -14,8 +14,9 @@ from moe_policy.control.policy import ModelPolicy, act
 from moe_policy.control.projection import project
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.protocols import ExactPolicy, Policy, State
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.doors import checked
 
 
 class Stabiliser(ModelPolicy):
@@ -27,9 +28,9 @@ class Stabiliser(ModelPolicy):
         weights: tracking weights; :meth:`TrackingWeights.default` where not given.
     """
 
-    def __init__(
-        self, problem: OptimalControlProblem, dt: float = 0.02, weights: TrackingWeights | None = None
-    ) -> None:
+    @checked
+    def __init__(self, problem: ProblemOrId, dt: float = 0.02, weights: TrackingWeights | None = None) -> None:
+        problem = problem_of(problem)
         self.problem, self.regulator = problem, Regulator(problem, dt, weights)
         self.dt = self.regulator.dt
 
@@ -47,6 +48,7 @@ class Stabiliser(ModelPolicy):
         return f"Stabiliser({self.problem.id!r}, dt={self.dt})"
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Entered:
     """Recurrent state of :class:`Stabilised`: that of the ``inner`` policy, and the rows (B,) that have ``entered``."""
@@ -65,13 +67,15 @@ class Stabilised(ModelPolicy):
         weights: see :class:`Stabiliser`.
     """
 
+    @checked
     def __init__(
         self,
         policy: Policy,
-        problem: OptimalControlProblem,
+        problem: ProblemOrId,
         dt: float = 0.02,
         weights: TrackingWeights | None = None,
     ) -> None:
+        problem = problem_of(problem)
         self.policy, self.problem = policy, problem
         self.stabiliser = Stabiliser(problem, dt, weights)
         self.dt = self.stabiliser.dt

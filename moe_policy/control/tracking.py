@@ -25,8 +25,9 @@ from moe_policy.control.resampling import Resampler
 from moe_policy.control.watch import Watched
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.protocols import Planner, Schedule, State
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
@@ -34,6 +35,7 @@ from ocp_envs.trajectory import Trajectory
 ROUNDING = 1e-6
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Tracking(Batch):
     """Recurrent state of :class:`TrackingPolicy` for B rows: references, gains and norms at the control steps.
@@ -90,13 +92,15 @@ class TrackingPolicy(ModelPolicy):
         weights: tracking weights; :meth:`TrackingWeights.default` where not given.
     """
 
+    @checked
     def __init__(
         self,
-        problem: OptimalControlProblem,
+        problem: ProblemOrId,
         planner: Planner,
         dt: float = 0.02,
         weights: TrackingWeights | None = None,
     ) -> None:
+        problem = problem_of(problem)
         self.problem, self.planner = problem, planner
         self.regulator = Regulator(problem, dt, weights)
         self.dt = self.regulator.dt

@@ -10,9 +10,11 @@ import numpy as np
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, frozen_array
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class TrackingWeights:
     """Weights of the tracking cost Σ δxᵀQδx + δuᵀRδu, one term per control step.

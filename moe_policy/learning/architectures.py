@@ -5,14 +5,21 @@ Only hidden layers are named; inputs and outputs follow from the problem.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from types import MappingProxyType, NoneType
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.checks import check_kind, check_whole
 
 Hidden = tuple[int, ...]
+
+
+def check_hidden(hidden: Hidden) -> None:
+    """Refuse ``hidden`` that are no widths of layers: with a TypeError, or a ValueError for one below 1."""
+    check_kind("hidden layers", hidden, (tuple, list), "write (50,) for one layer of 50 units")
+    for width in hidden:
+        check_whole("units of a hidden layer", width)
 
 
 @dataclass(frozen=True)
@@ -21,6 +28,10 @@ class Experts:
 
     small: Hidden
     large: Hidden
+
+    def __post_init__(self) -> None:
+        check_hidden(self.small)
+        check_hidden(self.large)
 
 
 @dataclass(frozen=True)
@@ -40,13 +51,13 @@ class Architecture:
     kmeans_experts: Experts | None = None
 
     def __post_init__(self) -> None:
+        check_kind("experts", self.experts, Experts)
+        check_kind("kmeans_experts", self.kmeans_experts, (Experts, NoneType))
         parts = [self.single, self.gate]
         for experts in (self.experts, self.kmeans_experts or self.experts):
             parts += [experts.small, experts.large]
         for hidden in parts:
-            check_kind("hidden layers", hidden, Sequence, "write (50,) for one layer of 50 units")
-            for width in hidden:
-                check_whole("units of a hidden layer", width)
+            check_hidden(hidden)
 
     def expert(self, size: int, average: float, method: str) -> Hidden:
         """Hidden layers for a cluster of ``size`` samples, found by ``method``, where clusters have ``average``

@@ -20,7 +20,7 @@ from sklearn.decomposition import PCA
 from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.support.arrays import Ints, frozen_array
-from ocp_envs.support.checks import check_whole
+from ocp_envs.support.checks import check_kind, check_whole
 from ocp_envs.support.suggestions import did_you_mean
 
 METHODS = ("custom", "kmeans", "kmeans-pca")
@@ -45,10 +45,19 @@ class Labels:
     settings: Mapping[str, object] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        check_kind("method", self.method, str)
+        check_kind("settings", self.settings, Mapping)
+        check_kind("values", self.values, (np.ndarray, list, tuple), "give the cluster of each sample")
+        if not isinstance(self.values, np.ndarray):
+            for value in self.values:
+                check_whole("each of values", value, 0)
         values = np.array(self.values)
         if values.ndim != 1 or not np.issubdtype(values.dtype, np.integer):
             raise ValueError(f"labels must be a vector of integers, got {values.dtype} of shape {values.shape}")
-        if isinstance(self.names, str) or not len(self.names):
+        check_kind("names", self.names, (tuple, list), "give a name for each cluster")
+        for name in self.names:
+            check_kind("each of names", name, str)
+        if not len(self.names):
             raise ValueError(f"labels must have a name for each cluster, at least one; got names {self.names!r}")
         if (used := np.unique(values).tolist()) != list(range(self.k)):
             raise ValueError(f"labels must use each of 0 … {self.k - 1}, one a name; got {used}")
@@ -92,6 +101,7 @@ def cluster(
         TypeError: a number that is not whole.
         ValueError: an unknown method, numbers that it does not take or that are out of range, or unusable samples.
     """
+    check_kind("method", method, str)
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; {did_you_mean(method, METHODS)}known are {list(METHODS)}")
     if (method != "kmeans-pca") != (components is None):

@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
+from types import NoneType
 from typing import cast
 
 from torch import Tensor
@@ -59,6 +60,8 @@ def fit_mixture_jointly(
     """
     check_whole("k", k)
     check_kind("annealing", annealing, Annealing)
+    check_kind("architecture", architecture, (Architecture, NoneType))
+    check_kind("name", name, str)
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     chosen = architecture or architecture_of(data.problem)
     gate = initial_network(layer_sizes(data.problem, chosen.gate, k), seed, GATE)
@@ -100,6 +103,7 @@ def retrain(
     """
     check_mixing(mixing)
     check_kind("planner", planner, NetworkPlanner)
+    check_kind("name", name, (str, NoneType))
     if not isinstance(planner.network, MixtureOfExperts):
         raise TypeError(f"only a mixture can be retrained; {planner.name} is a single network")
     problem = samples_of(database).problem

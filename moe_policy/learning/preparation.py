@@ -81,6 +81,8 @@ class Prepared:
         if checkpoints is not None:
             check_kind("checkpoints", checkpoints, (str, os.PathLike), "give a folder, or None to keep none")
             checkpoints = Path(checkpoints)
+            if "\0" in str(checkpoints):
+                raise ValueError(f"checkpoints: expected a folder, got {str(checkpoints)!r}, which has a NUL")
         samples = samples_of(database)
         count = len(samples.parameters)
         split = Split.draw(count, settings.test_share, seed)

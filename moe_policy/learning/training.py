@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from types import NoneType
 
 from moe_policy.learning.architectures import Architecture, Hidden, architecture_of, layer_sizes
 from moe_policy.learning.clustering import Labels
@@ -21,7 +22,7 @@ from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Mixing, check_mixing
 from ocp_envs.data.samples import Samples, SampleSource
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.checks import check_kind
+from ocp_envs.support.checks import check_kind, check_whole
 
 
 def fit_single(
@@ -49,6 +50,7 @@ def fit_single(
         FloatingPointError: the loss diverged.
         ValueError: sizes that do not fit the problem, or unusable samples.
     """
+    check_kind("name", name, str)
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     hidden = architecture_of(data.problem).single if sizes is None else _hidden(data.problem, sizes)
     network, report = data.regressor("single", hidden, FIRST_EXPERT).train()
@@ -56,6 +58,9 @@ def fit_single(
 
 
 def _hidden(problem: OptimalControlProblem, sizes: Sequence[int]) -> Hidden:
+    check_kind("sizes", sizes, (tuple, list), "give all layer sizes, such as (2, 50, 75)")
+    for size in sizes:
+        check_whole("each of sizes", size)
     hidden = tuple(sizes)[1:-1]
     if tuple(sizes) != layer_sizes(problem, hidden):
         first, last = layer_sizes(problem, ())
@@ -96,6 +101,9 @@ def fit_mixture(
     """
     check_mixing(mixing)
     check_kind("labels", labels, Labels, "make them with cluster(database, …)")
+    check_kind("architecture", architecture, (Architecture, NoneType))
+    check_kind("name", name, (str, NoneType))
+    check_kind("executor", executor, (Executor, NoneType))
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     parts = _decoupled(data, labels, architecture or architecture_of(data.problem))
     (gate, *experts), reports = zip(*train_parts(parts, executor))

@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.protocols import Planner
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.checks import check_number
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 
+@checked
 @dataclass(frozen=True)
 class Margin:
     """A margin on a constraint: plans are made for a larger ``parameter``, such as ``"radius"``, by ``amount``.
@@ -46,9 +48,11 @@ class WithMargin:
         name: short name for tables; by default that of the planner with the margin.
     """
 
+    @checked
     def __init__(
-        self, problem: OptimalControlProblem, planner: Planner, parameter: str, margin: float, name: str | None = None
+        self, problem: ProblemOrId, planner: Planner, parameter: str, margin: float, name: str | None = None
     ) -> None:
+        problem = problem_of(problem)
         if parameter not in problem.context.names or parameter not in problem.parameters.names:
             raise ValueError(f"expected a parameter of the context {problem.context.names}, got {parameter!r}")
         check_number("margin", margin)

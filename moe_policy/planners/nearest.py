@@ -13,6 +13,7 @@ from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.checks import check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 
@@ -24,6 +25,7 @@ class NearestPlanner:
         name: short name for tables.
     """
 
+    @checked
     def __init__(self, database: Samples | SampleSource, name: str = "nearest") -> None:
         samples = samples_of(database)
         self.problem, self.name = samples.problem, name

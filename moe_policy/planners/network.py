@@ -31,6 +31,7 @@ from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.checks import check_kind
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 _NETWORK = "network."
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class NetworkPlanner:
     """A single network or a mixture of experts, with the scalers of its training split.

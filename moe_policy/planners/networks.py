@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from moe_policy.model_files import Tensors
 from ocp_envs.support.arrays import Array, Ints, frozen_array
 from ocp_envs.support.checks import check_kind, check_number
+from ocp_envs.support.doors import checked
 
 NEGATIVE_SLOPE = 0.2
 Floats = NDArray[np.float32]
@@ -91,6 +92,7 @@ def _leaky_relu(x: Floats) -> Floats:
     return np.maximum(x, NEGATIVE_SLOPE * x)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class SingleNetwork:
     """A multilayer perceptron.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from moe_policy.protocols import Planner
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 
 
 def check_owner(problem: OptimalControlProblem, owner: object, what: str) -> None:
@@ -12,8 +13,8 @@ def check_owner(problem: OptimalControlProblem, owner: object, what: str) -> Non
         raise ValueError(f"{what} belongs to {owner.id}, not to {problem.id}")
 
 
-def problem_of(planner: Planner, problem: OptimalControlProblem | None = None) -> OptimalControlProblem:
-    """What ``planner`` plans for: ``problem``, by default the attribute of that name of the planner.
+def planned_problem(planner: Planner, problem: ProblemOrId | None = None) -> OptimalControlProblem:
+    """What ``planner`` plans for: ``problem``, or the problem of that name; by default its attribute of that name.
 
     Raises:
         TypeError: a planner that cannot be called.
@@ -27,5 +28,6 @@ def problem_of(planner: Planner, problem: OptimalControlProblem | None = None) -
             name = getattr(planner, "name", type(planner).__name__)
             raise ValueError(f"the planner {name} does not say what it plans for; give problem=…")
         return own
-    check_owner(problem, own, "the planner")
-    return problem
+    given = problem_of(problem)
+    check_owner(given, own, "the planner")
+    return given

@@ -8,9 +8,11 @@ from numpy.typing import ArrayLike
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.protocols import Planner
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 
+@checked
 def standardised_error(planner: NetworkPlanner, parameters: ArrayLike, trajectories: Trajectory) -> float:
     """Mean smooth-L1 error of the standardised outputs of ``planner`` for ``parameters`` (B, np) against the B optimal
     ``trajectories``: the paper's "test error".
@@ -19,6 +21,7 @@ def standardised_error(planner: NetworkPlanner, parameters: ArrayLike, trajector
     return _smooth_l1(scale(planner(parameters).flat()), scale(trajectories.flat()))
 
 
+@checked
 def validation_error(planner: Planner, parameters: ArrayLike, trajectories: Trajectory) -> float:
     """Mean smooth-L1 error of the raw outputs of ``planner``, in mixed units, for ``parameters`` (B, np) against the B
     optimal ``trajectories``: the paper's "validation error"; NaN where a plan failed.

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 
+from ocp_envs.support.doors import checked
+from ocp_envs.support.kinds import AnyFloat
 
+
+@checked
 @dataclass(frozen=True)
 class PartReport:
     """The training of one network, or of a whole mixture at once.
@@ -24,12 +28,12 @@ class PartReport:
     name: str
     training_samples: int
     test_samples: int
-    training_losses: tuple[float, ...]
-    test_losses: tuple[float, ...]
+    training_losses: tuple[AnyFloat, ...]
+    test_losses: tuple[AnyFloat, ...]
     best_epoch: int
-    test_loss: float
+    test_loss: AnyFloat
     seconds: float
-    accuracy: float | None = None
+    accuracy: AnyFloat | None = None
 
     @property
     def epochs(self) -> int:
@@ -43,6 +47,7 @@ class PartReport:
         return record | {"epochs": self.epochs}
 
 
+@checked
 @dataclass(frozen=True)
 class TrainingReport:
     """All ``parts`` of one training, in order, and the ``test_error`` of the finished planner: smooth L1 on
@@ -50,7 +55,7 @@ class TrainingReport:
     """
 
     parts: tuple[PartReport, ...]
-    test_error: float
+    test_error: AnyFloat
 
     @property
     def seconds(self) -> float:

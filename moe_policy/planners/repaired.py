@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from moe_policy.planners.owner import problem_of
+from moe_policy.planners.owner import planned_problem
 from moe_policy.protocols import Planner
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId
 from ocp_envs.solvers.improvement import improve
 from ocp_envs.support.checks import check_number, check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 
@@ -39,16 +40,17 @@ class Repaired:
             a negative margin.
     """
 
+    @checked
     def __init__(
         self,
         planner: Planner,
         iterations: int | None = None,
         *,
         margin: float = 0.0,
-        problem: OptimalControlProblem | None = None,
+        problem: ProblemOrId | None = None,
         name: str | None = None,
     ) -> None:
-        self.problem = problem_of(planner, problem)
+        self.problem = planned_problem(planner, problem)
         if iterations is not None:
             check_whole("iterations", iterations)
         check_number("margin", margin)

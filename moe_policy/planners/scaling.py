@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocp_envs.support.arrays import Array, frozen_array
+from ocp_envs.support.doors import checked
 
 SMALLEST_DEVIATION = 1e-3
 #: Rows that are processed at once: not all need fit in memory in double precision.
@@ -24,6 +25,7 @@ def blocks(count: int) -> Iterator[slice]:
     return (slice(begin, min(begin + BLOCK, count)) for begin in range(0, count, BLOCK))
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Standardizer:
     """The ``mean`` (n,) and the positive standard deviation ``std`` (n,) of n columns."""

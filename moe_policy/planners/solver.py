@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
-from typing import Protocol
+from types import MappingProxyType, NoneType
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,11 +17,12 @@ from moe_policy.protocols import Planner
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.solvers.guesses import NEAREST_WINDING, GuessKind, guesses, random_kind
 from ocp_envs.solvers.solutions import Solutions
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array, Ints
-from ocp_envs.support.checks import check_whole
+from ocp_envs.support.checks import check_kind, check_whole
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
@@ -38,6 +39,7 @@ def lookaround_of(problem: OptimalControlProblem) -> int:
     return LOOKAROUND_OF.get(problem.id, LOOKAROUND)
 
 
+@runtime_checkable
 class BatchSolver(Protocol):
     """What solves a batch of problem instances from one guess each, as ``GuardedSolver`` of ``ocp_envs`` does."""
 
@@ -93,7 +95,7 @@ class SolverPlanner:
 
     def __init__(
         self,
-        problem: OptimalControlProblem,
+        problem: ProblemOrId,
         database: Samples | SampleSource | None = None,
         *,
         guessers: Sequence[Planner] = (),
@@ -104,6 +106,9 @@ class SolverPlanner:
         solver: BatchSolver | None = None,
         name: str = "optimal",
     ) -> None:
+        problem = problem_of(problem)
+        check_kind("name", name, str)
+        check_kind("solver", solver, (BatchSolver, NoneType))
         self.problem, self.name, self.seed, self.neighbours = problem, name, seed, neighbours
         self.lookaround = lookaround_of(problem) if lookaround is None else lookaround
         check_whole("lookaround", self.lookaround)

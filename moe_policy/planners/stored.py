@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocp_envs.data.neighbours import Neighbours
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 #: How far parameters may be from stored ones after whole turns, in box widths: rounding errors.
@@ -27,9 +28,9 @@ class StoredPlans:
         ValueError: another number of plans than of parameters, or two plans for the same parameters.
     """
 
-    def __init__(
-        self, parameters: ArrayLike, trajectory: Trajectory, problem: OptimalControlProblem | None = None
-    ) -> None:
+    @checked
+    def __init__(self, parameters: ArrayLike, trajectory: Trajectory, problem: ProblemOrId | None = None) -> None:
+        problem = None if problem is None else problem_of(problem)
         self.problem = problem
         rows, turns = self._in_one_turn(parameters)
         if len(rows) != len(trajectory):

@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.protocols import Planner
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 #: Largest difference of two plans of one family, in units of the coordinates' scales.
@@ -28,7 +29,9 @@ class Symmetrised:
         name: short name for tables; by default that of the planner and of the symmetry.
     """
 
-    def __init__(self, problem: OptimalControlProblem, planner: Planner, name: str | None = None) -> None:
+    @checked
+    def __init__(self, problem: ProblemOrId, planner: Planner, name: str | None = None) -> None:
+        problem = problem_of(problem)
         if problem.symmetry is None:
             raise ValueError(f"{problem.id} declares no symmetry")
         self.problem, self.planner, self.symmetry = problem, planner, problem.symmetry

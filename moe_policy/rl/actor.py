@@ -26,7 +26,9 @@ from moe_policy.planners.networks import Floats, checked_layers, forward
 from moe_policy.rl.features import Actions, Features
 from ocp_envs.control_step import checked_dt
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.doors import checked
 
 if TYPE_CHECKING:
     from torch.nn import Linear
@@ -39,6 +41,7 @@ ACTIVATIONS: Mapping[str, _Function] = MappingProxyType({"relu": lambda x: np.ma
 SQUASHES: Mapping[str, _Function] = MappingProxyType({"tanh": np.tanh, "clip": lambda x: np.clip(x, -1, 1)})
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Actor:
     """The mean action of a policy: features (B, n) → actions (B, nu) in [-1, 1], in single precision.
@@ -90,6 +93,7 @@ class Actor:
         return cls(tuple(weights), tuple(biases), activation, squash)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Held:
     """Recurrent state of :class:`LearnedPolicy`: ``controls`` (B, nu), held for ``steps_left`` (B,) control steps."""
@@ -113,9 +117,10 @@ class LearnedPolicy(ModelPolicy):
         ValueError: an actor of other sizes than the problem's, or a period that is no multiple of ``dt``.
     """
 
+    @checked
     def __init__(
         self,
-        problem: OptimalControlProblem,
+        problem: ProblemOrId,
         actor: Actor,
         *,
         period: float,
@@ -123,6 +128,7 @@ class LearnedPolicy(ModelPolicy):
         algorithm: str = "sac",
         details: Mapping[str, object] | None = None,
     ) -> None:
+        problem = problem_of(problem)
         self._features, self._actions = Features(problem), Actions(problem)
         expected = (self._features.size, problem.system.nu)
         if (actor.sizes[0], actor.sizes[-1]) != expected:

@@ -26,8 +26,11 @@ from moe_policy.rollouts.rollout import rollout
 from ocp_envs.envs.simulation import largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.doors import checked
+from ocp_envs.support.kinds import AnyFloat
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Performance:
     """Metrics of episodes of a learner, or of any other policy.
@@ -48,12 +51,12 @@ class Performance:
 
     success: int
     reached: int
-    cost: float | None
-    score: float
-    cost_ratio: float | None
-    mean_return: float
-    violation: float | None
-    final_error: float
+    cost: AnyFloat | None
+    score: AnyFloat
+    cost_ratio: AnyFloat | None
+    mean_return: AnyFloat
+    violation: AnyFloat | None
+    final_error: AnyFloat
 
     @classmethod
     def of(cls, problem: OptimalControlProblem, episodes: Episodes, optimal_costs: Array | None = None) -> Performance:
@@ -74,6 +77,7 @@ class Performance:
         )
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Evaluation(Performance):
     """The performance of an actor that has learnt from ``steps`` decisions, in ``seconds`` that include evaluations."""

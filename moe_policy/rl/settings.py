@@ -19,6 +19,7 @@ from torch import nn
 from moe_policy.rl.actor import Actor
 from moe_policy.rl.features import Actions
 from moe_policy.rl.wrappers import RewardShaping
+from ocp_envs.support.doors import checked
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from moe_policy.rl.vec_env import SB3VecEnv
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class RLSettings(RewardShaping):
     """What all learners have in common, including the shaping of their rewards.
@@ -82,6 +84,7 @@ class RLSettings(RewardShaping):
         raise NotImplementedError
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class SACSettings(RLSettings):
     """Soft actor-critic; the defaults are those of the shipped pendulum policy.
@@ -130,6 +133,7 @@ class SACSettings(RLSettings):
         return Actor.of_layers([*_linear(network.latent_pi), network.mu], "relu", "tanh")
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class TQCSettings(SACSettings):
     """Truncated quantile critics: SAC whose two critics estimate 25 quantiles of the return each.
@@ -156,6 +160,7 @@ class TQCSettings(SACSettings):
 SHORT_SAC = SACSettings(steps=80_000, gamma=0.99)
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class PPOSettings(RLSettings):
     """Proximal policy optimisation on many environments at once; its first actions are near the goal's control.

@@ -28,6 +28,8 @@ from moe_policy.rl.wrappers import (
 )
 from moe_policy.rollouts.environments import environments
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
+from ocp_envs.support.doors import checked
 
 if TYPE_CHECKING:
     from stable_baselines3.common.base_class import BaseAlgorithm
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
     from moe_policy.rl.vec_env import SB3VecEnv
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class TrainingRun:
     """A training with ``settings`` up to an evaluation: the ``best`` in the ``curve`` of them, and its ``policy``."""
@@ -109,8 +112,9 @@ class _Progress:
         return self.run
 
 
+@checked
 def train(
-    problem: OptimalControlProblem,
+    problem: ProblemOrId,
     settings: RLSettings,
     development: ArrayLike,
     *,
@@ -132,6 +136,7 @@ def train(
         ImportError: Stable-Baselines3 is not installed.
         ValueError: parameters outside their box, or optimal costs that are not B positive numbers.
     """
+    problem = problem_of(problem)
     evaluator = Evaluator(problem, development, optimal_costs)
     env = training_env(problem, settings)
     progress = _Progress(settings.learner(env), settings, evaluator, details or {}, on_evaluation)

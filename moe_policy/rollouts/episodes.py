@@ -10,9 +10,11 @@ import numpy as np
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Episodes(Batch):
     """Results of B episodes; all arrays are (B,) but for the parameters and the records.

@@ -15,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import binomtest
 from scipy.stats import t as student
 
+from ocp_envs.support.doors import checked
+
 Json = dict[str, object]
 Interval = tuple[float, float]
 
@@ -33,6 +35,7 @@ class Estimate:
         return (Proportion if isinstance(content, dict) and "count" in content else Mean).from_json(content)
 
 
+@checked
 @dataclass(frozen=True)
 class Proportion(Estimate):
     """A fraction of cases, with the Wilson interval at 95 % confidence.
@@ -78,6 +81,7 @@ class Proportion(Estimate):
         return cls(known["count"], known["total"])
 
 
+@checked
 @dataclass(frozen=True)
 class Mean(Estimate):
     """A mean of values that are not negative, with Student's interval at 95 % confidence.

@@ -8,13 +8,16 @@ import numpy as np
 
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Mean, Proportion
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.doors import checked
+from ocp_envs.support.kinds import AnyFloat
 
 #: Violations, in the unit of the path constraints, up to which an episode counts as clear of them.
 TOLERANCES = (0.01, 0.05)
 
 
+@checked
 @dataclass(frozen=True)
 class CostRatio:
     """The cost relative to that of a baseline, over the ``episodes`` (a number) in which both enter the goal ball.
@@ -22,10 +25,11 @@ class CostRatio:
     ``ratio`` is Σ cost / Σ cost of the baseline, ``None`` without such episodes.
     """
 
-    ratio: float | None
+    ratio: AnyFloat | None
     episodes: int
 
 
+@checked
 @dataclass(frozen=True)
 class Violation:
     """The largest violation of the path constraints in an episode, over all episodes.
@@ -37,8 +41,8 @@ class Violation:
     """
 
     mean: Mean
-    quantile_99: float
-    maximum: float
+    quantile_99: AnyFloat
+    maximum: AnyFloat
 
     @classmethod
     def of(cls, values: Array) -> Violation | None:
@@ -47,6 +51,7 @@ class Violation:
         return None if mean is None else cls(mean, float(np.quantile(finite, 0.99)), float(finite.max()))
 
 
+@checked
 @dataclass(frozen=True)
 class Metrics:
     """Metrics of one policy; the names are the keys in records.
@@ -70,10 +75,10 @@ class Metrics:
     reached: Proportion
     success: Proportion
     success_at_plan_end: Proportion | None
-    plan_end_error_median: float | None
-    plan_end_error_95: float | None
-    final_error_median: float
-    final_error_95: float
+    plan_end_error_median: AnyFloat | None
+    plan_end_error_95: AnyFloat | None
+    final_error_median: AnyFloat
+    final_error_95: AnyFloat
     cost_ratio: CostRatio | None
     left_box: int
     clipped: int
@@ -88,12 +93,14 @@ class Metrics:
         return None if self.cost_ratio is None else self.cost_ratio.ratio
 
 
-def evaluate(problem: OptimalControlProblem, episodes: Episodes, baseline: Episodes | None = None) -> Metrics:
+@checked
+def evaluate(problem: ProblemOrId, episodes: Episodes, baseline: Episodes | None = None) -> Metrics:
     """The metrics of ``episodes`` on ``problem``, with costs relative to those of ``baseline``.
 
     Raises:
         ValueError: no episodes, or a baseline from other parameters.
     """
+    problem = problem_of(problem)
     if len(episodes) == 0:
         raise ValueError("expected at least one episode")
     planned = bool(np.isfinite(episodes.plan_end_error).any())
@@ -124,6 +131,7 @@ def _quantiles(errors: Array) -> tuple[float, float]:
     return float(median), float(high)
 
 
+@checked
 def cost_ratio(episodes: Episodes, baseline: Episodes) -> CostRatio:
     """The cost of ``episodes`` relative to that of ``baseline``, over those in which both enter the goal ball.
 

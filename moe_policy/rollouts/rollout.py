@@ -30,11 +30,13 @@ from moe_policy.rollouts.ledger import Ledger
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.clock import count_steps
+from ocp_envs.support.doors import checked
 
 #: What determines the evaluation time: the plan's schedule, or the first entry into the goal ball.
 Evaluation = Literal["schedule", "goal"]
 
 
+@checked
 def rollout(
     envs: Environments,
     policy: Policy,

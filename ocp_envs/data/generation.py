@@ -30,9 +30,11 @@ from ocp_envs.data.rounds import rounds, tasks
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.data.worker import Chunk, solve_chunk
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.doors import checked
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.progress import Progress
 from ocp_envs.support.workers import Workers
@@ -106,8 +108,9 @@ class _Run:
             raise error
 
 
+@checked
 def generate(
-    problem: OptimalControlProblem,
+    problem: ProblemOrId,
     path: str | os.PathLike[str],
     parameters: ArrayLike,
     *,
@@ -150,6 +153,7 @@ def generate(
             writing it.
         ValueError: parameters of the wrong shape, not finite, or outside the box.
     """
+    problem = problem_of(problem)
     p, folder = problem.check_parameters(parameters, extrapolate), Path(path)
     outside = ~problem.parameters.contains(p)
     p[outside] = problem.in_one_turn(p[outside])[0]

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 
 #: Status of a row that was not written yet.
@@ -41,6 +42,7 @@ class DatabaseError(ValueError):
     """A database is missing, damaged, of another format, or made for something else."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class StoredRows(Batch):
     """What is stored of B instances: how each row ended, ``status`` (B,), and the best trajectory of every family.

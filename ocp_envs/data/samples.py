@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sized
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Samples(Batch):
     """The best solution of each of M problem instances; :meth:`of` makes samples without costs.
@@ -42,6 +44,7 @@ class Samples(Batch):
     index: Ints
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         count, (states, controls) = len(self.parameters), (self.trajectory.states, self.trajectory.controls)
         if len(self.trajectory) != count or np.shape(self.mode) != (count,):
             raise ValueError(
@@ -87,6 +90,7 @@ class Samples(Batch):
         return replace(self, parameters=within, trajectory=trajectory, mode=mode, mode_costs=costs)
 
 
+@runtime_checkable
 class SampleSource(Protocol):
     """What returns samples whose trajectories are all finite, such as a :class:`~ocp_envs.data.database.Database`."""
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import get_args
 
 from ocp_envs.solvers.guesses import GuessKind
 from ocp_envs.solvers.nlp import SolverSettings
+from ocp_envs.support.doors import checked
 
 _MINIMUM = {"first": 1, "starts": 1, "neighbours": 1, "lookaround": 1, "cold": 0, "chunk": 1, "fit": 0}
 #: Fields added after the first databases were made: left out of a record at these values, so that the records and keys
@@ -15,6 +15,7 @@ _MINIMUM = {"first": 1, "starts": 1, "neighbours": 1, "lookaround": 1, "cold": 0
 _ADDED = {"guess": "drift", "fit": 0}
 
 
+@checked
 @dataclass(frozen=True)
 class GenerationSettings:
     """How a database is made.
@@ -54,8 +55,6 @@ class GenerationSettings:
                 raise ValueError(f"{name} must be at least {minimum}, got {getattr(self, name)}")
         if not self.margin >= 0:
             raise ValueError(f"margin must be at least 0, got {self.margin}")
-        if self.guess not in get_args(GuessKind):
-            raise ValueError(f"guess must be one of {get_args(GuessKind)}, got {self.guess!r}")
 
     @classmethod
     def thorough(cls) -> GenerationSettings:

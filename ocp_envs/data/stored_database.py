@@ -30,7 +30,9 @@ from ocp_envs.data.array_files import ArrayFiles
 from ocp_envs.data.description import Description, read_description, write_description
 from ocp_envs.data.layout import CURE, MISSING, DatabaseError, StoredRows, given, layout
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.doors import checked
 from ocp_envs.support.files import rename_folder, sync_everything
 
 
@@ -43,7 +45,9 @@ class StoredDatabase:
         DatabaseError: not a database, damaged, or made for another problem.
     """
 
-    def __init__(self, path: Path, problem: OptimalControlProblem) -> None:
+    @checked
+    def __init__(self, path: Path, problem: ProblemOrId) -> None:
+        path, problem = Path(path), problem_of(problem)
         description = read_description(path)
         description.check_made_for(problem, path)
         self.path, self.problem, self._description = path, problem, description

@@ -18,13 +18,14 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.actions import controls_of
-from ocp_envs.envs.options import RENDER_MODES, EnvOptions, problem_of, refuse_unknown
+from ocp_envs.envs.options import RENDER_MODES, EnvOptions, refuse_unknown
 from ocp_envs.envs.outcome import LEFT_BOX, Info
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import Episodes, Plant
 from ocp_envs.envs.resets import given_parameters
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 _ROW = np.array([0])
@@ -93,9 +94,10 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
     _shown = 0
     metadata: Info = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # noqa: RUF012 (Gymnasium's type)
 
+    @checked
     def __init__(
         self,
-        problem: OptimalControlProblem | str,
+        problem: ProblemOrId,
         *,
         dt: float = 0.02,
         terminate_at_goal: bool = True,

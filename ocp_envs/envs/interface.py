@@ -9,9 +9,11 @@ import gymnasium as gym
 import numpy as np
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
 
+@checked
 @dataclass(frozen=True)
 class Interface:
     """The interface of an environment; unlike the environment, it travels between processes.

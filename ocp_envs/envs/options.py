@@ -18,9 +18,10 @@ from ocp_envs.envs.interface import Interface
 from ocp_envs.envs.outcome import Info
 from ocp_envs.envs.simulation import Simulator, largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.problems import BENCHMARK, load
+from ocp_envs.problems import BENCHMARK, problem_of
 from ocp_envs.support.arrays import Array, Ints, frozen_array
 from ocp_envs.support.clock import count_steps
+from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
 
 RENDER_MODES = ("rgb_array", "human")
@@ -46,11 +47,6 @@ def _plant(problem: OptimalControlProblem, constants: tuple[tuple[str, float], .
     return Simulator(problem.with_constants(**dict(constants)), dt)
 
 
-def problem_of(problem: OptimalControlProblem | str) -> OptimalControlProblem:
-    """``problem`` itself, or the problem of that name; raises an ``UnknownProblemError`` if there is none."""
-    return load(problem) if isinstance(problem, str) else problem
-
-
 def refuse_unknown(environment: type, unknown: Mapping[str, object]) -> None:
     """Refuse keyword arguments ``unknown`` to the signature of the class ``environment`` with a ``TypeError``."""
     for name in unknown:
@@ -60,6 +56,7 @@ def refuse_unknown(environment: type, unknown: Mapping[str, object]) -> None:
         raise TypeError(f"{environment.__name__}: unknown argument {name!r}; {hint}accepted are {accepted}")
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class EnvOptions:
     """The options of an environment, as :class:`~ocp_envs.envs.env.Env` documents them.
@@ -97,14 +94,10 @@ class EnvOptions:
             )
         object.__setattr__(self, "time_limit", limit)
         steps = self.max_episode_steps
-        if steps is not None and not (isinstance(steps, (int, np.integer)) and steps > 0):
-            raise ValueError(
-                f"{problem.id}: max_episode_steps must be a positive number of control steps or None, got {steps!r}"
-            )
+        if steps == 0:
+            raise ValueError(f"{problem.id}: max_episode_steps must be a positive number of control steps, got 0")
         for name in ("disturbance", "observation_noise"):
             object.__setattr__(self, name, self._deviations(name))
-        if self.delay != int(self.delay) or self.delay < 0:
-            raise ValueError(f"{problem.id}: delay must be a whole number of control steps ≥ 0, got {self.delay!r}")
         if self.render_mode is not None and self.render_mode not in RENDER_MODES:
             raise ValueError(f"render_mode must be None or one of {RENDER_MODES}, got {self.render_mode!r}")
         if self.render_mode is not None and problem.picture is None:

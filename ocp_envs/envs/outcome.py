@@ -34,6 +34,9 @@ class Outcome(Batch):
     violation: Array | None
     invalid: Bools
 
+    def __post_init__(self) -> None:
+        """Nothing is checked: there is one in every control step."""
+
     @classmethod
     def none(cls, size: int, parameters: int, constrained: bool) -> Outcome:
         """That of ``size`` rows with ``parameters`` components of p that did not move; ``constrained`` by a path."""

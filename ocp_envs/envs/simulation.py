@@ -28,8 +28,10 @@ from numpy.typing import ArrayLike
 
 from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.batch import BatchFunction, BoundFunction, dense_function
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
 _MAX_VERTICES = 2**16
@@ -86,6 +88,7 @@ def _step_function(problem: OptimalControlProblem, dt: float, substeps: int, dis
     return dense_function("control_step", inputs, ca.cse([following, summary]))
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Step:
     """The result of one control step of B rows.
@@ -114,6 +117,7 @@ class ControlStep:
     The arrays belong to the function: replace their values, never them. Copying and pickling carry the values over.
     """
 
+    @checked
     def __init__(self, function: BoundFunction) -> None:
         self._function = function
         self.evaluate = function.__call__
@@ -141,7 +145,9 @@ class Simulator:
             :data:`~ocp_envs.control_step.MOST_SUBSTEPS` Runge-Kutta steps.
     """
 
-    def __init__(self, problem: OptimalControlProblem, dt: float, substeps: int | None = None) -> None:
+    @checked
+    def __init__(self, problem: ProblemOrId, dt: float, substeps: int | None = None) -> None:
+        problem = problem_of(problem)
         self.problem = problem
         self.substeps = runge_kutta_steps(problem, dt, substeps)
         self.dt = float(dt)

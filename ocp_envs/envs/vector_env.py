@@ -14,14 +14,24 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.envs.actions import controls_of, nan_rows
 from ocp_envs.envs.generators import Generators
-from ocp_envs.envs.options import RENDER_MODES, EnvOptions, problem_of, refuse_unknown
+from ocp_envs.envs.options import RENDER_MODES, EnvOptions, refuse_unknown
 from ocp_envs.envs.outcome import Info, Outcome
 from ocp_envs.envs.pictures import Pictures
 from ocp_envs.envs.plant import ALL, Episodes, Plant
 from ocp_envs.envs.resets import MASK, NAMES, due_rows, given_parameters
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.batch import MOST_ROWS
+from ocp_envs.support.checks import check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
+
+
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    modes = [each.value for each in AutoresetMode]
+    if not isinstance(mode, AutoresetMode) and mode not in modes:
+        raise ValueError(f"autoreset_mode: expected one of {modes}, got {mode!r}")
+    return AutoresetMode(mode)
 
 
 class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
@@ -45,9 +55,10 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
 
     metadata: ClassVar[Info] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]
 
+    @checked
     def __init__(
         self,
-        problem: OptimalControlProblem | str,
+        problem: ProblemOrId,
         num_envs: int = 1,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         *,
@@ -64,6 +75,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
     ) -> None:
         refuse_unknown(VectorEnv, unknown)
         problem = problem_of(problem)
+        check_whole("num_envs", num_envs, 1, MOST_ROWS)
         self.options = options = EnvOptions(
             problem,
             dt,
@@ -77,7 +89,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
             render_mode,
         )
         self.num_envs = num_envs
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**options.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
         self.render_mode = options.render_mode
         self.single_observation_space = options.observation_space

@@ -10,9 +10,12 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE
+from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
 
 BENCHMARK: tuple[OptimalControlProblem, ...] = (PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE)
+#: A problem, or the name of a registered one.
+ProblemOrId = OptimalControlProblem | str
 _catalogue: dict[str, OptimalControlProblem] = {problem.id: problem for problem in BENCHMARK}
 
 
@@ -49,6 +52,7 @@ def _arrived(problem: OptimalControlProblem) -> ProblemName:
     return ProblemName(problem.id)
 
 
+@checked
 def load(name: str) -> OptimalControlProblem:
     """The problem called ``name``, for instance ``"PendulumSwingup-v0"``.
 
@@ -64,11 +68,27 @@ def load(name: str) -> OptimalControlProblem:
         ) from None
 
 
+def problem_of(problem: ProblemOrId) -> OptimalControlProblem:
+    """``problem`` itself, or the registered problem of that name.
+
+    Raises:
+        TypeError: neither a problem nor a name.
+        UnknownProblemError: no problem of that name.
+    """
+    if isinstance(problem, OptimalControlProblem):
+        return problem
+    if not isinstance(problem, str):
+        got = type(problem).__name__
+        raise TypeError(f"expected a problem or the name of one, such as {PENDULUM.id!r}, got a {got}")
+    return load(problem)
+
+
 def names() -> list[str]:
     """Names of all known problems, sorted."""
     return sorted(_catalogue)
 
 
+@checked
 def register(problem: OptimalControlProblem) -> None:
     """Make ``problem`` known to :func:`load`, ``gymnasium.make`` and ``gymnasium.make_vec`` under its id.
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
 
@@ -24,8 +25,10 @@ def _table(box: Box) -> str:
     return "\n".join(["| | name | lower | upper | unit | period |", "|---|---|---|---|---|---|", *rows])
 
 
-def describe(problem: OptimalControlProblem) -> str:
+@checked
+def describe(problem: ProblemOrId) -> str:
     """Spaces, parameters, goal and limits of ``problem`` in Markdown, under the headings that Gymnasium's pages use."""
+    problem = problem_of(problem)
     goal = ", ".join(
         f"{name} = {_number(value)}" for name, value in zip(problem.system.state.names, problem.goal.state)
     )

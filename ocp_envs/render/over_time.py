@@ -7,12 +7,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.render.style import GOAL, INK, Axes, matplotlib
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 
-def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes: Axes = None) -> NDArray[np.object_]:
+@checked
+def plot_trajectory(problem: ProblemOrId, trajectory: Trajectory, axes: Axes = None) -> NDArray[np.object_]:
     """Plot the states and controls of trajectories against time, one panel per coordinate.
 
     Targets of the state are dotted lines, bounds of the control dashed ones. Returned are the axes, (nx + nu,), states
@@ -24,11 +26,15 @@ def plot_trajectory(problem: OptimalControlProblem, trajectory: Trajectory, axes
         axes: nx + nu Matplotlib axes to draw into; a new figure by default.
 
     Raises:
-        ValueError: another number of axes.
+        ValueError: another number of axes, or trajectories of another problem.
         ImportError: Matplotlib is not installed.
     """
+    problem = problem_of(problem)
     system = problem.system
     coordinates = (*system.state.coordinates, *system.control.coordinates)
+    got, fits = (trajectory.states.shape[2], trajectory.controls.shape[2]), (system.nx, system.nu)
+    if got != fits:
+        raise ValueError(f"{problem.id}: expected trajectories with {fits} states and controls, got {got}")
     panels = _panels(len(coordinates)) if axes is None else np.asarray(axes).ravel()
     if len(panels) != len(coordinates):
         raise ValueError(f"{problem.id}: expected {len(coordinates)} axes (states, controls), got {len(panels)}")

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from ocp_envs import tables
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 from ocp_envs.tables import path_of
 
@@ -29,6 +31,7 @@ class ReferenceDataError(tables.TableError):
     """A reference file is missing, damaged or made for another problem."""
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class ReferenceSet(Batch):
     """A set of instances with their optimal costs.
@@ -45,6 +48,7 @@ class ReferenceSet(Batch):
     mode_costs: Array
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         p, costs = np.shape(self.parameters), np.shape(self.mode_costs)
         if len(p) != 2 or len(costs) != 2 or p[0] != costs[0]:
             raise ValueError(f"expected parameters (M, np) and mode_costs (M, modes), got shapes {p} and {costs}")
@@ -85,7 +89,8 @@ def write(problem: OptimalControlProblem, split: str, reference: ReferenceSet, f
     return tables.save(problem, split, folder, parameters=reference.parameters, mode_costs=reference.mode_costs)
 
 
-def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDER) -> ReferenceSet:
+@checked
+def load(problem: ProblemOrId, split: str, folder: Path = tables.FOLDER) -> ReferenceSet:
     """The shipped instances of ``problem`` with their optimal costs.
 
     Args:
@@ -96,7 +101,8 @@ def load(problem: OptimalControlProblem, split: str, folder: Path = tables.FOLDE
     Raises:
         ReferenceDataError: no such file, damaged, or made for another problem.
     """
-    path = path_of(problem, split, folder)
+    problem = problem_of(problem)
+    path = path_of(problem, split, Path(folder))
     if not path.is_file():
         there = sorted(p.stem for p in path.parent.glob("*.npz"))
         raise ReferenceDataError(f"no reference set {split!r} is shipped for {problem.id}; there are {there}")

@@ -20,9 +20,12 @@ import numpy as np
 
 from ocp_envs.distribution import Blocked, Distribution, Uniform
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.sets import free_paths
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.checks import check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.progress import track
 
@@ -32,15 +35,18 @@ _CHUNK = 2_000
 _FIRST_DRAWS, _MOST_DRAWS = 64, 4096
 #: Draws after which a row is given up.
 _PATIENCE = 10**7
+#: Parameters of one sample.
+_MOST = 10**8
 
 
-def sample(problem: OptimalControlProblem, seed: int, n: int, *, workers: int | None = 1) -> Array:
+@checked
+def sample(problem: ProblemOrId, seed: int, n: int, *, workers: int | None = 1) -> Array:
     """``n`` parameters drawn from the distribution of ``problem``, (n, np); the i-th depends on the seed and i alone.
 
     Args:
         problem: the problem.
         seed: of the draw, at least 0.
-        n: number of parameters, at least 0.
+        n: number of parameters, at most 10⁸.
         workers: number of processes, where drawing needs solutions; ``None`` for one per core.
 
     Raises:
@@ -48,8 +54,8 @@ def sample(problem: OptimalControlProblem, seed: int, n: int, *, workers: int | 
         TypeError: a distribution that nothing here can draw from.
         RuntimeError: the free problem was not solved, or no draw blocks its path.
     """
-    if n < 0 or seed < 0:
-        raise ValueError(f"expected seed ≥ 0 and n ≥ 0, got {seed} and {n}")
+    problem = problem_of(problem)
+    check_whole("n", n, 0, _MOST)
     return _sample(problem.distribution, problem, seed, n, workers)
 
 
@@ -191,7 +197,8 @@ class BlockedDraws:
         return np.concatenate([start, self.problem.goal.state[None]])[:, list(free_paths.coordinates(self.problem))]
 
 
-def grid(problem: OptimalControlProblem, shape: Sequence[int]) -> Array:
+@checked
+def grid(problem: ProblemOrId, shape: Sequence[int]) -> Array:
     """The uniform grid over the parameter box with both ends, (prod(shape), np); the last coordinate varies fastest.
 
     Args:
@@ -201,6 +208,7 @@ def grid(problem: OptimalControlProblem, shape: Sequence[int]) -> Array:
     Raises:
         ValueError: another number of coordinates, or fewer than 2 points along one.
     """
+    problem = problem_of(problem)
     box = problem.parameters
     if len(shape) != len(box) or min(shape) < 2:
         raise ValueError(f"{problem.id}: expected {len(box)} numbers of points ≥ 2, got {tuple(shape)}")

@@ -27,6 +27,7 @@ from ocp_envs.solvers import cpu_limit
 from ocp_envs.solvers.compilation import build_solver
 from ocp_envs.solvers.transcription import Transcription
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.doors import checked
 
 
 class Status(enum.IntEnum):
@@ -42,6 +43,7 @@ class Status(enum.IntEnum):
     NOT_FINITE = 7  #: the guess, or a value or derivative that the solver met, is NaN or infinite
 
 
+@checked
 @dataclass(frozen=True)
 class SolverSettings:
     """Settings of a solve.

@@ -14,10 +14,12 @@ from ocp_envs.solvers.guesses import NEAREST_WINDING
 from ocp_envs.solvers.nlp import Result, Status, Task
 from ocp_envs.solvers.transcription import Transcription
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Solutions(Batch):
     """How B solves ended: ``status``, values of :class:`Status`, and what was found.

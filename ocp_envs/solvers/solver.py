@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.solvers.guard import Guard
 from ocp_envs.solvers.guesses import bends_of, guesses, random_kind
 from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
@@ -20,10 +21,14 @@ from ocp_envs.solvers.reasons import not_finite, worst_violation
 from ocp_envs.solvers.solutions import Solutions, best_per_mode, collect, make_tasks
 from ocp_envs.solvers.transcription import Transcription, transcribe
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.checks import check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.support.sharing import Loans, ProcessLock
 from ocp_envs.trajectory import Trajectory
 
 DEFAULT_SOLVER = SolverSettings()
+#: Guesses of one solve for each winding.
+_MOST_STARTS = 1000
 #: Where many guesses are tried, one that hangs is given up soon.
 OF_MANY_GUESSES = SolverSettings(hang_floor=0.3, hang_factor=10.0)
 
@@ -151,6 +156,7 @@ class GuardedSolver:
         return Attempts(collect(*instances, results), ends)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Solution:
     """The best known optimum of the instance with ``parameters`` (np,), and the best trajectory of every family.
@@ -199,9 +205,8 @@ def lent_solvers(problem: OptimalControlProblem, settings: SolverSettings = OF_M
     return _solvers(problem, settings, os.getpid())
 
 
-def solve(
-    problem: OptimalControlProblem, p: ArrayLike, *, extrapolate: bool = False, seed: int = 0, starts: int = 6
-) -> Solution:
+@checked
+def solve(problem: ProblemOrId, p: ArrayLike, *, extrapolate: bool = False, seed: int = 0, starts: int = 6) -> Solution:
     """The best known optimum of one instance, by multistart over the goal's windings.
 
     The solver process is kept for the next call. Threads may call this at once; they use as many as there are cores. An
@@ -212,15 +217,17 @@ def solve(
         p: parameters of the instance, (np,), their angles in any turn.
         extrapolate: accept parameters outside the problem's box.
         seed: of the random guesses.
-        starts: guesses for each winding: one straight line, the others random.
+        starts: guesses for each winding, at most 1000: one straight line, the others random.
 
     Raises:
-        ValueError: more than one instance, parameters that are not finite or outside the box, or ``starts`` < 1.
+        ValueError: more than one instance, parameters that are not finite or outside the box, or starts out of range.
     """
+    problem = problem_of(problem)
     given = problem.check_parameters(p, extrapolate)
     parameters, turns = problem.in_one_turn(given)
-    if len(parameters) != 1 or starts < 1:
-        raise ValueError(f"solve takes one instance and starts ≥ 1, got {len(parameters)} and {starts}")
+    if len(parameters) != 1:
+        raise ValueError(f"solve takes one instance, got {len(parameters)}")
+    check_whole("starts", starts, 1, _MOST_STARTS)
     if hopeless := infeasible_rows(problem, parameters):
         return Solution(given[0], Solutions.empty(problem, len(problem.modes)), Status.INFEASIBLE, hopeless[0])
     with lent_solvers(problem).one() as solver:

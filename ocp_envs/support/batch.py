@@ -19,9 +19,14 @@ import casadi as ca
 import numpy as np
 
 from ocp_envs.support.arrays import Array
+from ocp_envs.support.checks import check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.support.kernels import Entry, kernel, pointers
+from ocp_envs.support.kinds import AnyFloat
 
 _KEPT_SIZES = 8
+#: Rows of a bound function, whose arrays stay in memory.
+MOST_ROWS = 10**7
 #: From so many rows on, a compiled kernel evaluates. Compiling takes up to a second, once.
 KERNEL_ROWS = 32
 
@@ -52,7 +57,8 @@ class BatchFunction:
     compiled ``function`` is evaluated.
     """
 
-    def __init__(self, function: ca.Function, kernel_rows: float = KERNEL_ROWS) -> None:
+    @checked
+    def __init__(self, function: ca.Function, kernel_rows: AnyFloat = KERNEL_ROWS) -> None:
         for i in range(function.n_out()):
             if not function.sparsity_out(i).is_dense():
                 raise ValueError(f"{function.name()}: output {i} is sparse; build it with dense_function")
@@ -121,6 +127,7 @@ class BatchFunction:
         trigger()
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Linearisation:
     """The function (x, u, …) → A (B, nx, nx), B (B, nx, nu) of the ``jacobian`` (x, u, …) → [A B] (B, nx, nx + nu)."""
@@ -138,12 +145,13 @@ class BoundFunction:
 
     Write into ``inputs``, call the object, read ``outputs``: lists of arrays of shape (size, rows) that are the
     function's own memory and are overwritten by the next call. Two bound functions share nothing; copying and pickling
-    carry the values over. This is what makes stepping a single environment as cheap as a Python call.
+    carry the values over. This is what makes stepping a single environment as cheap as a Python call. From
+    ``kernel_rows`` rows on, the compiled ``function`` is evaluated.
     """
 
-    def __init__(self, function: ca.Function, size: int, kernel_rows: float = KERNEL_ROWS) -> None:
-        if size < 1:
-            raise ValueError(f"{function.name()}: expected at least one row, got {size}")
+    @checked
+    def __init__(self, function: ca.Function, size: int, kernel_rows: AnyFloat = KERNEL_ROWS) -> None:
+        check_whole("size", size, 1, MOST_ROWS)
         self.function, self.size, self.kernel_rows = function, size, kernel_rows
         self.inputs = [np.zeros((size, function.size1_in(i))) for i in range(function.n_in())]
         self.outputs = [np.zeros((size, function.size1_out(i))) for i in range(function.n_out())]

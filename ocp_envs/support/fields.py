@@ -112,9 +112,12 @@ def function(owner: str, name: str, value: object) -> None:
 
 def _array(owner: str, name: str, values: object, expected: str) -> Array:
     try:
-        return np.array(values, dtype=np.float64)
+        array = np.array(values)
     except (TypeError, ValueError) as error:
         raise TypeError(f"{owner}: {name} must be {expected}, got {_short(values)}") from error
+    if array.dtype.kind not in "fiu":
+        raise TypeError(f"{owner}: {name} must be {expected}, got {_short(values)}")
+    return array.astype(np.float64)
 
 
 def vector(owner: str, name: str, values: object) -> Array:

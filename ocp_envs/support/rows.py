@@ -34,6 +34,24 @@ class Batch:
         others = [f"{name} ({type(column).__name__})" for name, column in columns if isinstance(column, Batch)]
         return f"<{type(self).__name__} of {len(self)}: {', '.join(arrays + others)}>"
 
+    def __post_init__(self) -> None:
+        rows = set()
+        for name, value in vars(self).items():
+            if isinstance(value, list):  # a column, not a value of the batch as a whole
+                value = np.asarray(value)
+                object.__setattr__(self, name, value)
+            if isinstance(value, (np.ndarray, Batch)):
+                rows.add(len(value) if isinstance(value, Batch) or value.ndim else None)
+        if len(rows) > 1 or None in rows:
+            shapes = ", ".join(
+                f"{name} {c.shape if isinstance(c, np.ndarray) else len(c)}" for name, c in self._columns().items()
+            )
+            raise ValueError(f"{type(self).__name__}: expected arrays with equal numbers of rows, got {shapes}")
+
+    def __array__(self, *arguments: object, **named: object) -> NDArray[np.generic]:
+        # NumPy would take it for a sequence of sequences without end: an element is a batch, too.
+        raise TypeError(f"a {type(self).__name__} is no array; take one of its arrays: {', '.join(self._columns())}")
+
     def __len__(self) -> int:
         return len(next(iter(self._columns().values())))
 
@@ -74,4 +92,4 @@ def _put(column: Column, rows: Bools, new: Column) -> Column:
 def _join(parts: Sequence[Column]) -> Column:
     if isinstance(parts[0], Batch):
         return type(parts[0]).concatenate(parts)  # type: ignore[arg-type]
-    return np.concatenate(parts)  # type: ignore[arg-type]
+    return np.concatenate(parts)

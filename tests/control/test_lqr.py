@@ -91,7 +91,7 @@ def test_riccati_is_the_optimum_of_the_finite_horizon_problem():
 
 def test_plans_of_different_lengths_do_not_touch_each_other():
     plan, contexts = random_plan(PENDULUM, 23, seed=1)
-    policy = TrackingPolicy(PENDULUM, None)
+    policy = TrackingPolicy(PENDULUM, lambda p: p)
     together = policy.follow(plan, contexts)
     for row in (0, 7, 22):
         alone = policy.follow(plan[row], contexts[row : row + 1])

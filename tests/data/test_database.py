@@ -115,7 +115,7 @@ def test_samples_can_be_sliced(filled):
 
 def test_samples_must_fit_each_other_and_their_problem(filled):
     samples = filled[0].samples()
-    with pytest.raises(ValueError, match=r"expected as many trajectories .* as parameters, 5; got 9"):
+    with pytest.raises(ValueError, match=r"equal numbers of rows, got parameters \(5, 2\), trajectory 9"):
         replace(samples, parameters=samples.parameters[:5])
     with pytest.raises(ValueError, match=r"expected trajectories of DoubleIntegrator-v0 with states \(21, 2\)"):
         replace(samples, problem=DOUBLE_INTEGRATOR)

@@ -243,7 +243,7 @@ STRANGE = [
     Strange(
         "fewer names than windings", of(PENDULUM, modes=winding_modes(("left", "right"))), "a name for each of the 3"
     ),
-    Strange("more names than windings", of(PENDULUM, modes=winding_modes("abcd")), "a name for each of the 3"),
+    Strange("more names than windings", of(PENDULUM, modes=winding_modes(tuple("abcd"))), "a name for each of the 3"),
     Strange("modes without names", lambda: Modes((), lambda *_: np.zeros(1)), "names must be at least one"),
     Strange("a family twice", lambda: winding_modes(("a", "a", "b")), "no two the same"),
     Strange(

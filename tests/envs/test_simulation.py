@@ -181,7 +181,7 @@ def test_other_longest_substeps_allow_other_control_steps():
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])
 def test_refuses_a_bad_dt(dt):
-    with pytest.raises(ValueError, match="dt must be a positive number"):
+    with pytest.raises(ValueError, match=r"dt( must be a positive|: expected a finite) number"):
         Simulator(PENDULUM, dt)
 
 
@@ -193,7 +193,7 @@ def test_refuses_wrong_shapes():
         simulator.advance(np.zeros(2), np.zeros((1, 1)), np.zeros((1, 0)))
     with pytest.raises(ValueError, match="substep"):
         Simulator(PENDULUM, 0.02, 0)
-    with pytest.raises(ValueError, match="at least one row"):
+    with pytest.raises(ValueError, match=r"size: expected a whole number in 1"):
         simulator.control_step(0)
 
 

@@ -13,6 +13,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.support.provenance import provenance
 from tests.experiments.learner_records import keep, training
+from tests.learners import random_policy
 
 
 def test_records_are_found_by_algorithm_and_seed(tmp_path):
@@ -40,9 +41,8 @@ def test_the_record_of_a_run_is_read_as_it_was_written(tmp_path):
     performance |= {"cost_ratio": None, "violation": None}
     points = [Evaluation(steps=steps, seconds=0.5 * steps, **performance) for steps in (100, 180)]
     settings = SACSettings(steps=200, hidden=(8, 8))
-    run = LearnerRun.of(
-        TrainingRun(settings, None, points[0], tuple(points)), CaseSet(name="development", count=2), provenance()
-    )
+    trained = TrainingRun(settings, random_policy(), points[0], tuple(points))
+    run = LearnerRun.of(trained, CaseSet(name="development", count=2), provenance())
     assert (run.steps, run.seconds, run.best.steps, run.complete) == (180, 90.0, 100, False)
     path = tmp_path / "search.json"
     write(path, Search(env_id=PENDULUM.id, trials=(Trial(note="wide", run=run),)))

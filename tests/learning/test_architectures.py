@@ -24,7 +24,7 @@ def test_sizes_of_the_paper():
 def test_empty_layers_are_refused():
     with pytest.raises(ValueError, match="units of a hidden layer: expected a whole number of at least 1, got 0"):
         Architecture((10,), (0,), Experts((10,), (10,)))
-    with pytest.raises(TypeError, match="hidden layers: expected Sequence, got int 10; write"):
+    with pytest.raises(TypeError, match="hidden layers: expected tuple or list, got int 10; write"):
         Architecture(10, (10,), Experts((10,), (10,)))
     with pytest.raises(TypeError, match="units of a hidden layer"):
         Architecture((2.5,), (10,), Experts((10,), (10,)))

@@ -59,7 +59,7 @@ def test_a_planner_says_what_it_plans_for_or_is_told():
     assert moe_policy.Repaired(stored, problem=PENDULUM).problem is PENDULUM
     with pytest.raises(ValueError, match="the planner belongs to PendulumSwingup-v0, not to QuadcopterObstacle-v0"):
         moe_policy.Repaired(moe_policy.NearestPlanner(samples), problem=QUADCOPTER_OBSTACLE)
-    with pytest.raises(TypeError, match="expected a planner, which maps parameters to plans, got str"):
+    with pytest.raises(TypeError, match="planner: expected Planner, got str"):
         moe_policy.Repaired("moe-custom")
 
 

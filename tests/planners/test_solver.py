@@ -37,7 +37,13 @@ class Recorder:
         zeros = np.zeros(len(flat))
         status = np.where(failed, 2, 1).astype(np.int8)
         return Solutions(
-            Trajectory.from_flat(flat, 25, 2, 1), cost, zeros[:, None, None], status, zeros, zeros.astype(bool), zeros
+            Trajectory.from_flat(flat, 25, 2, 1),
+            cost,
+            zeros[:, None, None],
+            status,
+            zeros.astype(int),
+            zeros.astype(bool),
+            zeros,
         )
 
 

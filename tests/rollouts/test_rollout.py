@@ -241,5 +241,5 @@ def test_evaluated_at_the_goal_a_plan_is_charged_up_to_the_time_limit():
     episodes = rollout(envs, policy, state, evaluation="goal")
     assert episodes.cost == pytest.approx(10.0 * VEHICLE.time_limit)
     assert np.isnan(episodes.plan_end_error).all()
-    with pytest.raises(ValueError, match="got evaluation='end', expected one of schedule, goal"):
+    with pytest.raises(ValueError, match=r"evaluation: expected one of 'schedule', 'goal', got 'end'"):
         rollout(envs, policy, state, evaluation="end")

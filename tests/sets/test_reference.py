@@ -66,7 +66,10 @@ def test_files_of_another_problem_or_none_are_refused(database, tmp_path):
     ("arrays", "match"),
     [
         ({"parameters": np.zeros((3, 2))}, "'mode_costs' is missing"),
-        ({"parameters": np.zeros((3, 2)), "mode_costs": np.zeros((2, 3))}, r"shapes \(3, 2\) and \(2, 3\)"),
+        (
+            {"parameters": np.zeros((3, 2)), "mode_costs": np.zeros((2, 3))},
+            r"equal numbers of rows, got parameters \(3, 2\), mode_costs \(2, 3\)",
+        ),
         ({"parameters": np.zeros((3, 2)), "mode_costs": np.zeros((3, 2))}, "2 solution families, expected 2 and 3"),
         ({"parameters": np.zeros(3), "mode_costs": np.zeros((3, 3))}, r"shapes \(3,\)"),
     ],

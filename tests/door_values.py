@@ -1,0 +1,154 @@
+"""Values that fit the public classes of both packages, small enough to be made in milliseconds."""
+
+from __future__ import annotations
+
+import itertools
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import moe_policy
+import ocp_envs
+from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
+from ocp_envs.solvers.nlp import Status
+from tests.closed_loop import constant
+from tests.small_problems import DOUBLE_INTEGRATOR
+from tests.synthetic import fake_samples
+
+P = np.array([[1.0, 0.5], [2.0, -0.5]])
+SAMPLES = fake_samples(12, modes=3)
+QUICK = moe_policy.TrainingSettings(epochs=1)
+_COUNTER = itertools.count()
+_FOLDER = Path(tempfile.gettempdir())
+
+
+def use_folder(folder: Path) -> None:
+    """Files that calls write are in ``folder``."""
+    global _FOLDER
+    _FOLDER = folder
+
+
+def new_path() -> Path:
+    """A path in the folder that does not exist."""
+    return _FOLDER / f"{next(_COUNTER)}"
+
+
+@cache
+def database() -> ocp_envs.Database:
+    return ocp_envs.Database.create(new_path(), DOUBLE_INTEGRATOR, np.zeros((2, 2)))
+
+
+@cache
+def planner() -> moe_policy.NetworkPlanner:
+    return moe_policy.fit_mixture(SAMPLES, moe_policy.cluster(SAMPLES, "custom"), settings=QUICK)
+
+
+@cache
+def episodes() -> moe_policy.Episodes:
+    return moe_policy.rollout(moe_policy.environments(PENDULUM, 2), constant(0.0), P, horizon=0.1)
+
+
+@cache
+def actor() -> moe_policy.Actor:
+    return moe_policy.Actor((np.ones((8, 3)), np.ones((1, 8))), (np.zeros(8), np.zeros(1)), "relu", "tanh")
+
+
+@cache
+def policy() -> moe_policy.TrackingPolicy:
+    return moe_policy.TrackingPolicy(PENDULUM, moe_policy.NearestPlanner(SAMPLES))
+
+
+@cache
+def evaluation() -> moe_policy.Evaluation:
+    values = dict.fromkeys(("success", "reached", "steps"), 1)
+    numbers = dict.fromkeys(("cost", "score", "cost_ratio", "mean_return", "violation", "final_error", "seconds"), 1.0)
+    return moe_policy.Evaluation(**values, **numbers)
+
+
+@cache
+def solutions() -> ocp_envs.Solutions:
+    return ocp_envs.Solutions.empty(PENDULUM, 2)
+
+
+@cache
+def checked_plans() -> moe_policy.CheckedPlans:
+    return moe_policy.Checked(planner(), repair=moe_policy.Repair(rounds=0)).check(P)
+
+
+def step() -> ocp_envs.Step:
+    return ocp_envs.Simulator(PENDULUM, 0.02).advance(P, np.zeros((2, 1)), np.zeros((2, 0)))
+
+
+def part() -> moe_policy.PartReport:
+    return moe_policy.PartReport("expert 0", 2, 1, (1.0, 0.5), (1.0, 0.6), 2, 0.6, 0.1)
+
+
+def sac() -> moe_policy.SACSettings:
+    return moe_policy.SACSettings(
+        steps=8, learning_starts=4, gradient_steps=1, n_envs=2, hidden=(4,), evaluate_every=8, batch_size=4, period=0.2
+    )
+
+
+def learned() -> moe_policy.LearnedPolicy:
+    return moe_policy.LearnedPolicy(PENDULUM, actor(), period=0.1)
+
+
+#: A value of each dataclass whose fields depend on each other.
+VALUES: dict[str, Callable[[], Any]] = {
+    "Actor": actor,
+    "Architecture": lambda: moe_policy.Architecture((4,), (4,), moe_policy.Experts((4,), (4,))),
+    "Ball": lambda: ocp_envs.Ball([0.0, 0.0], 1.0),
+    "Blocked": lambda: QUADCOPTER_OBSTACLE.distribution,
+    "Box": lambda: PENDULUM.parameters,
+    "Coordinate": lambda: ocp_envs.Coordinate("x", -1.0, 1.0, "m", 1.0, None),
+    "CheckedPlans": checked_plans,
+    "CostRatio": lambda: moe_policy.CostRatio(1.1, 3),
+    "EnvOptions": lambda: ocp_envs.EnvOptions(PENDULUM),
+    "Episodes": episodes,
+    "Evaluation": evaluation,
+    "Experts": lambda: moe_policy.Experts((4,), (4,)),
+    "Entered": lambda: moe_policy.Entered(None, np.zeros(2, bool)),
+    "Face": lambda: ocp_envs.Face(np.eye(3)),
+    "Goal": lambda: PENDULUM.goal,
+    "Held": lambda: moe_policy.Held(np.zeros((2, 1)), np.zeros(2, np.int64)),
+    "Interface": lambda: ocp_envs.Env(PENDULUM).interface,
+    "Labels": lambda: moe_policy.cluster(SAMPLES, "custom"),
+    "Line": lambda: ocp_envs.Line(np.eye(2)),
+    "Linearisation": lambda: PENDULUM.batch_linearisation(1),
+    "Margin": lambda: moe_policy.Margin("radius", 0.1),
+    "Mean": lambda: moe_policy.Mean(1.0, 3, (0.5, 1.5)),
+    "Metrics": lambda: moe_policy.evaluate(PENDULUM, episodes()),
+    "MixtureOfExperts": lambda: planner().network,
+    "Modes": lambda: PENDULUM.modes,
+    "NetworkPlanner": planner,
+    "OptimalControlProblem": lambda: DOUBLE_INTEGRATOR,
+    "Parametrisation": lambda: ocp_envs.Parametrisation("a", PENDULUM.parameters, PENDULUM.system.state, np.zeros(2)),
+    "PartReport": part,
+    "Performance": lambda: moe_policy.Performance.of(PENDULUM, episodes()),
+    "Picture": lambda: PENDULUM.picture,
+    "Proportion": lambda: moe_policy.Proportion(1, 3),
+    "ReferenceSet": lambda: ocp_envs.ReferenceSet(P, np.ones((2, 3))),
+    "SACSettings": sac,
+    "Samples": lambda: SAMPLES,
+    "Schedule": lambda: policy().start(P).schedule,
+    "SingleNetwork": lambda: planner().network.gate,
+    "Solution": lambda: ocp_envs.Solution(P[0], solutions(), Status.EMPTY),
+    "Solutions": solutions,
+    "Standardizer": lambda: planner().inputs,
+    "Step": step,
+    "StoredRows": lambda: database().stored(slice(0, 2)),
+    "Symmetry": lambda: PENDULUM.symmetry or ocp_envs.Symmetry("turn", np.eye(2), np.eye(1), np.eye(0)),
+    "System": lambda: PENDULUM.system,
+    "Tracking": lambda: policy().start(P),
+    "TrackingWeights": lambda: moe_policy.TrackingWeights.default(PENDULUM),
+    "TrainingReport": lambda: moe_policy.TrainingReport((part(),), 0.5),
+    "TrainingRun": lambda: moe_policy.TrainingRun(sac(), learned(), evaluation()),
+    "Trajectory": lambda: SAMPLES.trajectory[:2],
+    "Verdict": lambda: checked_plans().verdicts[0],
+    "Violation": lambda: moe_policy.Violation(moe_policy.Mean(1.0, 3, (0.5, 1.5)), 1.0, 2.0),
+}
