@@ -24,6 +24,7 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
+from moe_policy.experiments.checking import checked_row
 from moe_policy.experiments.comparison import Comparison
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.details import Figure
@@ -111,7 +112,9 @@ class Made:
         path = self.results / f"compare_splits_{self.problem.id}.json"
         seeds = present(read(path, SplitComparison).seeds) if path.exists() else None
         learners = learner_trainings(self.results, self.problem)
-        return Sources(self.comparison, self.trained.rows, learners, seeds or ())
+        checks = self.results / f"planners_checked_{self.problem.id}.json"
+        checked = checked_row(checks, self.comparison.cases)
+        return Sources(self.comparison, self.trained.rows, learners, seeds or (), checked)
 
     @cached_property
     def trained(self) -> TrainingComparison:

@@ -91,7 +91,7 @@ class BoundRow(Record):
     level: float  # probability that a fresh instance is below the bound
     calibration: int  # number of development instances
     cost_bound: float | None  # of the cost relative to that of the optimum; ``None`` where there is none
-    coverage: Proportion  # validation instances below the bound
+    coverage: Proportion | None  # validation instances below the bound; ``None`` without one
     coverage_range: tuple[float, float]  # in which the coverage of 95 % of all calibrations lies
     success: Proportion  # development instances that do not fail
     success_bound: float  # what the probability of success exceeds with the confidence of the level
@@ -106,7 +106,7 @@ class BoundRow(Record):
             level=level,
             calibration=len(calibration),
             cost_bound=None if np.isinf(bound) else bound,
-            coverage=Proportion.of(fresh <= bound),
+            coverage=None if np.isinf(bound) else Proportion.of(fresh <= bound),
             coverage_range=coverage_range(len(calibration), level),
             success=Proportion.of(good),
             success_bound=least_success(good, level),
@@ -159,6 +159,13 @@ def planners(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[
             planner = Repaired(method.planner, iterations)
             found.append(replace(method, name=planner.name, actor=planner))
     return [*found, Method(CHECKED, store.load(problem, CHECKED, kind=Checked))]
+
+
+def checked_row(path: Path, cases: int) -> ComparisonRow | None:
+    """The row of the checked planner on ``cases`` validation instances in the record ``path``; ``None`` without."""
+    rows = read(path, PlannerChecks).splits["uniform"] if path.exists() else ()
+    found = [row.row for row in rows if row.row.name == CHECKED and row.row.metrics.success.total == cases]
+    return found[0] if found else None
 
 
 def effort_of(name: str) -> tuple[str, str]:

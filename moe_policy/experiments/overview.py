@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from moe_policy.experiments.benchmark.parts import Overview
-from moe_policy.experiments.comparison import Comparison
+from moe_policy.experiments.checking import CHECKED
+from moe_policy.experiments.comparison import Comparison, ComparisonRow
 from moe_policy.experiments.learners import LearnerTraining
 from moe_policy.experiments.metric_columns import COST, METRICS
 from moe_policy.experiments.records import ABSENT, Absent, Record, inline
@@ -58,6 +59,7 @@ def columns(overview: Overview) -> dict[str, str | None]:
         "SNN": "snn",
         "MoE, custom": "moe-custom",
         "MoE, k-means": overview.kmeans,
+        "MoE, checked": CHECKED,
         RL: overview.learner,
         "stabiliser": "stabiliser",
     }
@@ -82,6 +84,7 @@ class Sources:
     trained: Sequence[TrainingRow] = ()  # networks over several seeds, on the same instances
     learners: Mapping[str, Sequence[LearnerTraining]] = field(default_factory=dict)  # learners over several seeds
     seeds: Sequence[SeedsRow] = ()  # networks over several seeds that were trained with equal settings
+    checked: ComparisonRow | None = None  # the checked planner on the same instances
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,8 @@ def overview_rows(sources: Sources, overview: Overview) -> list[OverviewRow]:
     """
     comparison, names = sources.comparison, columns(overview)
     rows = {row.name: row for row in comparison.rows}
+    if sources.checked is not None:
+        rows[CHECKED] = sources.checked
     shown = {title: rows[name].metrics for title, name in names.items() if name in rows}
     measures = _measures(list(shown.values()), comparison.cases)
     texts = {measure.title: {title: measure.of(found) for title, found in shown.items()} for measure in measures}
