@@ -25,7 +25,7 @@ from scripts import check_planners
 
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
-    pytest.mark.filterwarnings("ignore::ocp_envs.solvers.compilation.CompiledNotAvailable"),
+    pytest.mark.filterwarnings("ignore::ocp_envs.support.compiler.CompiledNotAvailable"),
 ]
 CASES = 6
 
