@@ -32,6 +32,13 @@ def database(path):
         (lambda _: random_policy(), "LearnedPolicy('PendulumSwingup-v0', 'sac', layers 3-8-1, 0.1 s, dt=0.02)"),
         (lambda _: NEAREST, "trajectories)"),
         (lambda _: moe_policy.load(PENDULUM, "moe-custom"), "mixture of 3 experts"),
+        (lambda _: moe_policy.Repaired(NEAREST, 3), "trajectories), 3, margin=0)"),
+        (lambda _: moe_policy.BestOf(moe_policy.Candidates(NEAREST)), "trajectories), 1 plans for each instance))"),
+        (lambda _: moe_policy.load(PENDULUM, "checked"), "2 candidates, Repair(iterations=10, rounds=3, margin=0.0)"),
+        (
+            lambda _: moe_policy.load(PENDULUM, "checked").check(np.zeros((0, 2))),
+            "<CheckedPlans of 0: 0 verified; 0 chosen, 0 repaired, 0 solved, 0 abstained>",
+        ),
         (lambda _: ocp_envs.Env(PENDULUM), "Env('PendulumSwingup-v0', dt=0.02, time_limit=20.0)"),
         (lambda _: environments(PENDULUM, 7), "VectorEnv('PendulumSwingup-v0', num_envs=7, dt=0.02, time_limit=20.0)"),
         (lambda _: rollout(vector(DOUBLE_INTEGRATOR, 3), constant(0.0), PARAMETERS, horizon=0.1), "<Episodes of 3: "),

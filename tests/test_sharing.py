@@ -95,6 +95,7 @@ OBJECTS = {
         plan(QUADCOPTER_OBSTACLE),
     ),
     "repaired": (lambda: moe_policy.Repaired(moe_policy.load(PENDULUM, "moe-custom"), 2), plan(PENDULUM)),
+    "checked": (lambda: moe_policy.load(PENDULUM, "checked"), plan(PENDULUM)),
     "solver": (solver_planner, plan(DOUBLE_INTEGRATOR)),
     "tracking": (tracking, predict(PENDULUM)),
     "stabilised": (lambda: moe_policy.Stabilised(tracking(), PENDULUM), predict(PENDULUM)),

@@ -63,6 +63,9 @@ class Candidates:
         ]
         self.count = self._experts * self._variants
 
+    def __repr__(self) -> str:
+        return f"Candidates({self.planner!r}, {self.count} plans for each instance)"
+
     def __call__(self, p: Array) -> tuple[Ints, tuple[Trajectory, ...]]:
         """Plans of parameters ``p`` (B, np), their angles in the turn around the centre of the box.
 

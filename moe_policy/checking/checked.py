@@ -59,6 +59,9 @@ class BestOf:
         self._forecast = Forecast(self.problem, dt, weights)
         self.name = name or f"{getattr(candidates.planner, 'name', 'planner')}, best of {candidates.count}"
 
+    def __repr__(self) -> str:
+        return f"BestOf({self.candidates!r})"
+
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), their angles in any turn."""
         within, turns = self.problem.in_one_turn(p)
@@ -129,6 +132,9 @@ class Checked:
         self._forecast = Forecast(self.problem, dt, weights, self.model)
         self.dt = self._forecast.dt
         self.name = name or f"{getattr(planner, 'name', 'planner')}, checked"
+
+    def __repr__(self) -> str:
+        return f"Checked({self.planner!r}, {self.candidates.count} candidates, {self.repair}, dt={self.dt:g})"
 
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), their angles in any turn; NaN where the planner abstains."""

@@ -54,6 +54,10 @@ class CheckedPlans:
     trajectory: Trajectory
     verdicts: tuple[Verdict, ...]
 
+    def __repr__(self) -> str:
+        made = ", ".join(f"{self.count(how)} {how}" for how in HOW)
+        return f"<CheckedPlans of {len(self)}: {int(self.verified.sum())} verified; {made}>"
+
     def __len__(self) -> int:
         return len(self.verdicts)
 

@@ -61,6 +61,9 @@ class Repaired:
         distance = f", margin {margin:g}" if margin else ""
         self.name = name or f"{getattr(planner, 'name', 'planner')}, repaired{effort}{distance}"
 
+    def __repr__(self) -> str:
+        return f"Repaired({self.planner!r}, {self.iterations}, margin={self.margin:g})"
+
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), their angles in any turn."""
         within, turns = self.problem.in_one_turn(p)
