@@ -68,3 +68,40 @@ def rest_to_rest(starts: np.ndarray, duration: float, knots: int):
     v = force[:, None] * (t - 2 * late)
     u = np.repeat(np.stack([force, -force], axis=1), (knots - 1) // 2, axis=1)[..., None]
     return np.stack([x, v], axis=-1), u, np.full(len(starts), duration)
+
+
+#: The double integrator to the origin with L = u²/2 and controls that never reach their bounds: linear and quadratic.
+#: Longer is cheaper, so that every plan takes the longest time; near the origin hardly, so that all times are long.
+LINEAR_QUADRATIC = dataclasses.replace(
+    DOUBLE_INTEGRATOR,
+    id="LinearQuadratic-v0",
+    system=dataclasses.replace(DOUBLE_INTEGRATOR.system, control=Box((Coordinate("u", -5.0, 5.0, "N"),))),
+    cost_rate=lambda x, u, s, c: u[0] ** 2 / 2,
+    duration=(4.99, 5.0),
+)
+
+#: θ̈ = u with |u| ≤ 1 until a body faces the other way: it turns left or right, which is not declared.
+TURN = OptimalControlProblem(
+    id="Turn-v0",
+    title="turn round",
+    system=System(
+        name="body",
+        state=Box(
+            (
+                Coordinate("theta", -3 * np.pi, 3 * np.pi, "rad", period=2 * np.pi),
+                Coordinate("omega", -10.0, 10.0, "rad/s"),
+            )
+        ),
+        control=Box((Coordinate("u", -1.0, 1.0, "N"),)),
+        constants={"inertia": 1.0},
+        dynamics=lambda x, u, c: [x[1], u[0] / c.inertia],
+    ),
+    parameters=Box((Coordinate("theta", -np.pi, np.pi, "rad"), Coordinate("omega", -0.5, 0.5, "rad/s"))),
+    cost_rate=lambda x, u, s, c: 1 + u[0] ** 2 / 2,
+    goal=Goal(state=[np.pi, 0.0], radius=0.05, windings=[[0, 0], [-1, 0]], control=[0.0]),
+    duration=(0.2, 12.0),
+    knots=21,
+    substeps=1,
+    hold=2.0,
+    time_limit=15.0,
+)

@@ -5,25 +5,33 @@ Solutions are clustered, not parameters: the map from parameters to solutions is
 - ``custom``: the problem's own solution families (final winding, direction of travel, side of the obstacle).
 - ``kmeans``: k-means on flat trajectories, every component standardised.
 - ``kmeans-pca``: the same after a projection on the principal components of the standardised trajectories.
+- ``continuation``: families that are found: neighbours whose optima lead to each other belong together
+  (:mod:`moe_policy.learning.families`).
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 from sklearn.cluster import KMeans
 from sklearn.decomposition import PCA
 
+from moe_policy.learning.families import NEIGHBOURS, families_of, record
 from moe_policy.planners.scaling import Standardizer, blocks
+from ocp_envs.data.continuation import continued
+from ocp_envs.data.database import Database
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.support.arrays import Ints, frozen_array
 from ocp_envs.support.checks import check_kind, check_whole
 from ocp_envs.support.suggestions import did_you_mean
 
-METHODS = ("custom", "kmeans", "kmeans-pca")
+METHODS = ("custom", "kmeans", "kmeans-pca", "continuation")
 #: k-means fits its centres to at most this many random samples; the others join the nearest centre.
 FITTED = 150_000
 
@@ -86,18 +94,25 @@ def cluster(
     components: int | None = None,
     seed: int = 0,
     n_init: int = 10,
+    kept: str | os.PathLike[str] | None = None,
+    executor: Executor | None = None,
 ) -> Labels:
     """Partition the samples of ``database``.
 
     Args:
         database: a Database or its samples, M of them.
-        method: ``"custom"``, ``"kmeans"`` or ``"kmeans-pca"``.
-        k: number of clusters, for k-means alone; ``custom`` has those of the problem's solution families that occur.
+        method: ``"custom"``, ``"kmeans"``, ``"kmeans-pca"`` or ``"continuation"``.
+        k: number of clusters, for k-means alone; ``custom`` has those of the problem's solution families that occur,
+            ``continuation`` finds theirs.
         components: number of principal components, for ``kmeans-pca`` alone.
         seed: of the initial centres of k-means.
         n_init: number of runs of k-means, the best of which is kept.
+        kept: folder in which ``continuation`` keeps its solves, so that an interrupted call continues and later ones
+            have them; by default one beside a Database, and none for samples.
+        executor: solves for ``continuation``, as in :func:`ocp_envs.generate`; by default a pool of processes.
 
     Raises:
+        DatabaseError: what ``continuation`` kept is damaged.
         TypeError: a number that is not whole.
         ValueError: an unknown method, numbers that it does not take or that are out of range, or unusable samples.
     """
@@ -106,11 +121,14 @@ def cluster(
         raise ValueError(f"unknown method {method!r}; {did_you_mean(method, METHODS)}known are {list(METHODS)}")
     if (method != "kmeans-pca") != (components is None):
         raise ValueError(f"'components' is needed by 'kmeans-pca' and by nothing else; got {method!r} and {components}")
-    if (method == "custom") != (k is None):
-        raise ValueError(f"'k' is needed by k-means and not by 'custom'; got method {method!r} and k = {k}")
+    if (method in ("custom", "continuation")) != (k is None):
+        raise ValueError(f"'k' is needed by k-means and not by {method!r}; got method {method!r} and k = {k}")
     check_whole("seed", seed, 0)
     check_whole("n_init", n_init)
     samples = samples_of(database)
+    if method == "continuation":
+        beside = database.path.with_suffix(".continuation") if isinstance(database, Database) else None
+        return _by_continuation(samples, beside if kept is None else Path(kept), executor)
     if k is None:
         return _by_mode(samples)
     return _by_kmeans(samples, method, k, components, seed, n_init)
@@ -122,6 +140,13 @@ def _by_mode(samples: Samples) -> Labels:
     if present[0] < 0 or present[-1] >= len(names):
         raise ValueError(f"modes must lie in 0 … {len(names) - 1}, got {present.tolist()}")
     return Labels(values, tuple(names[mode] for mode in present), "custom", {"modes": present.tolist()})
+
+
+def _by_continuation(samples: Samples, kept: Path | None, executor: Executor | None) -> Labels:
+    found = continued(samples, kept, neighbours=NEIGHBOURS, executor=executor)
+    parts = families_of(found, samples.problem.parameters, samples.parameters)
+    names = tuple(f"family {i}" for i in range(parts.values.max() + 1))
+    return Labels(parts.values, names, "continuation", record(found, parts))
 
 
 def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, seed: int, n_init: int) -> Labels:

@@ -78,8 +78,12 @@ class Description:
 
 def write_description(path: Path, description: Description) -> None:
     """Write the ``description`` of the database in the folder ``path``, in one step."""
-    attributes = with_checksum(plain({"format": FORMAT, **asdict(description)}))
-    write_json(path / _FILE, {"attributes": attributes, **_GROUP})
+    write_attributes(path, {"format": FORMAT, **asdict(description)})
+
+
+def write_attributes(path: Path, attributes: Mapping[str, object]) -> None:
+    """Write the ``attributes`` of the Zarr group in the folder ``path`` with a checksum, in one step."""
+    write_json(path / _FILE, {"attributes": with_checksum(plain(attributes)), **_GROUP})
 
 
 def read_description(path: Path) -> Description:
@@ -96,9 +100,24 @@ def read_description(path: Path) -> Description:
         raise DatabaseError(f"{path} has format version {version!r:.99}, expected 1 or {VERSION}; generate it again")
     if version == 1:
         return _first_version(path, attributes)
+    _check_intact(path, attributes)
+    return Description(**{name: value for name, value in attributes.items() if name not in ("format", "checksum")})
+
+
+def read_attributes(path: Path) -> Mapping[str, Any]:
+    """The attributes of the Zarr group in the folder ``path``, whose checksum is compared.
+
+    Raises:
+        DatabaseError: no Zarr group of this program, or damaged.
+    """
+    attributes = _attributes(path)
+    _check_intact(path, attributes)
+    return attributes
+
+
+def _check_intact(path: Path, attributes: Mapping[str, Any]) -> None:
     if not intact(attributes):
         raise DatabaseError(f"{path / _FILE} is damaged, or was edited: the checksum of its attributes differs; {CURE}")
-    return Description(**{name: value for name, value in attributes.items() if name not in ("format", "checksum")})
 
 
 def _attributes(path: Path) -> Mapping[str, Any]:

@@ -13,19 +13,16 @@ A killed worker costs its chunk, a killed parent the chunks in flight; the same 
 
 from __future__ import annotations
 
-import contextlib
 import os
-import shutil
-from collections.abc import Iterator
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Executor, Future, wait
+from concurrent.futures import Executor
 from pathlib import Path
 
 import numpy as np
-from filelock import FileLock, Timeout
 from numpy.typing import ArrayLike
 
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError, StoredRows
+from ocp_envs.data.locks import only_writer
 from ocp_envs.data.rounds import rounds, tasks
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.data.worker import Chunk, solve_chunk
@@ -35,77 +32,9 @@ from ocp_envs.solvers.nlp import Status
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.doors import checked
-from ocp_envs.support.pool import WorkerPool
 from ocp_envs.support.progress import Progress
+from ocp_envs.support.tasks import TaskRun, workers_of
 from ocp_envs.support.workers import Workers
-
-#: How often each task in flight may lose its worker, while no chunk arrives, before the loss is an error.
-_RETRIES = 3
-#: Seconds after which the number of tasks in flight is asked for again, as workers may join and leave.
-_LOOK = 5.0
-
-
-@contextlib.contextmanager
-def _workers(executor: Executor | None, count: int | None) -> Iterator[Workers]:
-    """The workers of ``executor``, or new processes for the duration of the block."""
-    if executor is not None:
-        yield Workers.of(executor, count)
-        return
-    pool = WorkerPool(count)
-    try:
-        yield Workers.of(pool, count)
-    finally:
-        pool.shutdown(wait=False)
-
-
-class _Run:
-    """Runs tasks with few in flight, writes each chunk as it arrives, and survives workers that die."""
-
-    def __init__(self, database: Database, workers: Workers, bar: Progress) -> None:
-        self._database, self._workers, self._bar = database, workers, bar
-        self._failed = 0
-        self._losses = 0  # since the last chunk arrived
-
-    def __call__(self, tasks: Iterator[Chunk]) -> None:
-        running: dict[Future[StoredRows], Chunk] = {}
-        again: list[Chunk] = []
-        try:
-            while True:
-                in_flight = self._workers.in_flight()
-                while len(running) < in_flight and (task := again.pop() if again else next(tasks, None)):
-                    running[self._workers.submit(solve_chunk, task)] = task
-                if not running:
-                    return
-                done, _ = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
-                again += [task for future in done if (task := self._take(future, running.pop(future))) is not None]
-        except BrokenExecutor as error:  # the tasks in flight ended with it
-            message = f"{error}; every finished chunk is stored, and the same call resumes from there"
-            raise BrokenExecutor(message) from error
-        except BaseException as error:
-            for future in running:
-                future.cancel()
-            if isinstance(error, KeyboardInterrupt):
-                error.add_note("every finished chunk is stored; the same call resumes from there")
-            raise
-
-    def _take(self, future: Future[StoredRows], task: Chunk) -> Chunk | None:
-        """Write the chunk that arrived; return the task where its worker was lost."""
-        error = CancelledError("the executor dropped a task") if future.cancelled() else future.exception()
-        if error is not None:
-            self._count_loss(error)
-            return task
-        rows = future.result()
-        self._database.write(task.number, rows)
-        self._losses = 0
-        self._failed += int((rows.status != Status.SOLVED).sum())
-        self._bar.update(len(rows.status), failed=self._failed)
-        return None
-
-    def _count_loss(self, error: BaseException) -> None:
-        """Count a lost worker; raise any other error, and one loss too many."""
-        self._losses += 1
-        if not isinstance(error, self._workers.lost) or self._losses > _RETRIES * self._workers.in_flight():
-            raise error
 
 
 @checked
@@ -159,13 +88,13 @@ def generate(
     p[outside] = problem.in_one_turn(p[outside])[0]
     if folder.exists() and _complete(found := _open_or_create(problem, folder, p, seed, settings), p):
         return found
-    with _only_writer(folder):
+    with only_writer(folder):
         database = _open_or_create(problem, folder, p, seed, settings)
         with GuardedSolver(problem, settings.solver) as solver:
             solver.start()  # compiles, once, before workers ask for it
         begun = database.totals()["problems"]
         bar = Progress(len(p), unit="instance", label=problem.id, initial=begun, shown=progress)
-        with bar, _workers(executor, workers) as pool:
+        with bar, workers_of(executor, workers) as pool:
             _finish(database, settings, seed, pool, bar)
             if not _complete(database, p):
                 database = _grown(database, p, seed)
@@ -179,8 +108,16 @@ def _complete(database: Database, p: Array) -> bool:
 
 
 def _finish(database: Database, settings: GenerationSettings, seed: int, workers: Workers, bar: Progress) -> None:
-    """Solve what is missing, round by round."""
-    run = _Run(database, workers, bar)
+    """Solve what is missing, round by round, and write each chunk as it arrives."""
+    failed = 0
+
+    def write(chunk: Chunk, rows: StoredRows) -> None:
+        nonlocal failed
+        database.write(chunk.number, rows)
+        failed += int((rows.status != Status.SOLVED).sum())
+        bar.update(len(rows.status), failed=failed)
+
+    run = TaskRun(solve_chunk, workers, write)
     for chunks in rounds(database, settings):
         run(tasks(database, settings, seed, chunks))
 
@@ -190,26 +127,6 @@ def _grown(database: Database, p: Array, seed: int) -> Database:
     known = len(database)
     order = known + np.random.default_rng((seed, known)).permutation(len(p) - known)
     return database.grow(p[known:], order)
-
-
-@contextlib.contextmanager
-def _only_writer(path: Path) -> Iterator[None]:
-    """Keeps other processes from writing to ``path``. The operating system lifts the lock when this process ends."""
-    target = path.resolve()
-    target.parent.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(f"{target}.lock")
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        message = f"{path} is being generated by another process; wait for it to end, or choose another path"
-        raise DatabaseError(message) from None
-    try:
-        for left in target.parent.glob(f".{target.name}.*"):
-            if left.name.removeprefix(f".{target.name}.").isdigit():  # begun by a process that was killed
-                shutil.rmtree(left, ignore_errors=True)
-        yield
-    finally:
-        lock.release()
 
 
 def _open_or_create(

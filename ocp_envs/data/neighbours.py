@@ -33,3 +33,17 @@ class Neighbours:
     def offsets(self, p: Array, rows: Ints) -> Array:
         """From parameters ``p`` (B, np) to the stored ones at ``rows`` (B, k), in box widths, (B, k, np)."""
         return np.asarray(self._tree.data[rows] - (p / self._width)[:, None])
+
+
+def neighbour_pairs(box: Box, parameters: Array, k: int) -> Ints:
+    """Pairs i < j of M ≥ 1 ``parameters`` (M, np) of which one is among the ``k`` nearest of the other, (E, 2).
+
+    Distances are those of :class:`Neighbours` in ``box``; every pair occurs once, in ascending order.
+    """
+    count = len(parameters)
+    _, nearest = Neighbours(box, parameters).nearest(parameters, k + 1)  # the nearest is the point itself, or a copy
+    own = np.repeat(np.arange(count), nearest.shape[1])
+    other = nearest.ravel()
+    low, high = np.minimum(own, other), np.maximum(own, other)
+    numbers = np.unique((low * count + high)[low < high])
+    return np.stack([numbers // count, numbers % count], axis=1)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.interruptions import Kill, descendants, generate_interrupted, plan_kills, wait_for_chunks
-from ocp_envs.data import generation
 from ocp_envs.data.database import Database
 from ocp_envs.data.generation import generate
 from ocp_envs.data.layout import DatabaseError
@@ -20,6 +19,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.nlp import Status
+from ocp_envs.support import tasks as support_tasks
 from ocp_envs.support.pool import WorkerLostError
 from ocp_envs.trajectory import Trajectory
 from tests.data.running import COUNT, SMALL, InProcess
@@ -216,13 +216,13 @@ def test_an_executor_that_is_not_ours_is_not_replaced(tmp_path, unguarded):
 @pytest.mark.parametrize("workers", [1, 3])
 def test_an_executor_is_given_two_tasks_for_each_that_it_runs_at_once(tmp_path, unguarded, monkeypatch, workers):
     """``wait`` is called with the tasks in flight."""
-    waiting, wait = [], generation.wait
+    waiting, wait = [], support_tasks.wait
 
     def noted(futures, **how):
         waiting.append(len(futures))
         return wait(futures, **how)
 
-    monkeypatch.setattr(generation, "wait", noted)
+    monkeypatch.setattr(support_tasks, "wait", noted)
     p, settings = sample(PENDULUM, 7, 20), dataclasses.replace(SMALL, first=20, chunk=2)
     generate(PENDULUM, tmp_path / "d", p, executor=InProcess(), workers=workers, settings=settings)
     assert max(waiting) == 2 * workers

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ocp_envs.data.neighbours import Neighbours
+from ocp_envs.data.neighbours import Neighbours, neighbour_pairs
 from ocp_envs.system import Box, Coordinate
 
 BOX = Box((Coordinate("a", 0.0, 100.0), Coordinate("b", 0.0, 1.0)))
@@ -24,3 +24,17 @@ def test_no_more_neighbours_are_found_than_there_are():
     distance, rows = Neighbours(BOX, np.array([[1.0, 0.5], [2.0, 0.5]])).nearest(np.array([[1.9, 0.5]]), 9)
     assert rows.tolist() == [[1, 0]]
     assert distance.shape == (1, 2)
+
+
+def test_every_pair_of_neighbours_occurs_once():
+    p = BOX.draw(np.random.default_rng(0), 40)
+    lengths = np.linalg.norm((p - p[:, None]) / [100.0, 1.0], axis=2)
+    nearest = lengths.argsort(axis=1)[:, 1:4]
+    expected = {(min(i, int(j)), max(i, int(j))) for i in range(40) for j in nearest[i]}
+    found = neighbour_pairs(BOX, p, 3)
+    assert list(map(tuple, found.tolist())) == sorted(expected)
+
+
+def test_copies_are_neighbours_of_each_other_and_one_point_has_none():
+    assert neighbour_pairs(BOX, np.array([[1.0, 0.5]] * 3), 2).tolist() == [[0, 1], [0, 2], [1, 2]]
+    assert neighbour_pairs(BOX, np.array([[1.0, 0.5]]), 2).shape == (0, 2)

@@ -5,8 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from moe_policy.learning import clustering
 from moe_policy.learning.clustering import Labels, cluster
-from ocp_envs.data.samples import samples_of
+from ocp_envs.data.continuation import Continuation
+from ocp_envs.data.database import Database
+from ocp_envs.data.neighbours import neighbour_pairs
+from ocp_envs.data.samples import Samples, samples_of
 from ocp_envs.trajectory import Trajectory
 from tests.synthetic import FakeDatabase, fake_samples
 
@@ -59,8 +63,47 @@ def test_projection_on_all_components_changes_nothing():
     assert projected.settings["explained"] == pytest.approx(1)
 
 
+def continuing(samples: Samples) -> Continuation:
+    """All neighbours of one mode continue into each other."""
+    pairs = neighbour_pairs(samples.problem.parameters, samples.parameters, 8)
+    apart = samples.mode[pairs[:, 0]] != samples.mode[pairs[:, 1]]
+    distance = np.repeat(apart[:, None], 2, axis=1).astype(np.float32)
+    return Continuation(pairs, distance, distance, np.ones_like(distance, dtype=np.int32))
+
+
+def test_families_are_found_by_continuation_and_not_declared(monkeypatch, tmp_path):
+    samples, asked = fake_samples(modes=3), []
+
+    def noted(given, kept, *, neighbours, executor):
+        asked.append(kept)
+        return continuing(given)
+
+    monkeypatch.setattr(clustering, "continued", noted)
+    labels = cluster(FakeDatabase(samples), "continuation", kept=tmp_path)
+    assert agree(labels.values, samples.mode)
+    assert labels.sizes.tolist() == sorted(labels.sizes.tolist(), reverse=True)
+    assert labels.names == ("family 0", "family 1", "family 2")
+    assert (labels.settings["components"], labels.settings["cuts"], labels.settings["merged"]) == (3, [], 0)
+    assert labels.settings["thinnest_rejected_cut"] > labels.settings["width"]
+    assert asked == [tmp_path]
+    cluster(samples, "continuation")
+    assert asked[-1] is None
+
+
+def test_the_solves_of_a_database_are_kept_beside_it(monkeypatch, tmp_path):
+    samples = fake_samples(modes=2, count=60)
+    database = Database.create(tmp_path / "training.zarr", samples.problem, samples.parameters)
+    monkeypatch.setattr(Database, "samples", lambda self: samples)
+    kept = []
+    monkeypatch.setattr(clustering, "continued", lambda given, to, **_: kept.append(to) or continuing(given))
+    cluster(database, "continuation")
+    assert kept == [tmp_path / "training.continuation"]
+
+
 def test_wrong_arguments_are_named():
     samples = fake_samples(count=20)
+    with pytest.raises(ValueError, match="'k' is needed by k-means and not by 'continuation'"):
+        cluster(samples, "continuation", k=3)
     with pytest.raises(ValueError, match="did you mean 'kmeans'"):
         cluster(samples, "k-means", k=3)
     with pytest.raises(ValueError, match="'k' is needed"):
