@@ -146,7 +146,7 @@ class NlpSolver:
         """The primary solver with a limit of ``iterations``."""
         program, s = self._transcription, self._settings
         options = _options(program, s.primary, s.tolerance, iterations)
-        return Backend(program, build_solver(s.primary, program.nlp, options))
+        return Backend(program, build_solver(s.primary, program, options))
 
     def _limited_to(self, iterations: int) -> Backend:
         """The primary solver with a limit of ``iterations``; kept, since setting it up takes longer than a solve."""

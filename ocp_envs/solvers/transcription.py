@@ -44,13 +44,16 @@ _EXPANDED = 10_000
 class Transcription:
     """A nonlinear program and the layout of its variables; holds no reference to the problem and can be pickled.
 
-    The program ``nlp`` is (w, [x_0; s]) → (f, g), its sizes are ``knots``, ``nx``, ``nu`` and ``n_clearances``, and
-    its scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and h / ``step_scale``; f
-    is J / ``cost_scale``. Without the goal, w has the bounds ``lower`` and ``upper`` (nw,); ``targets`` (W, nx) are
-    goal states, one per winding.
+    The program ``nlp`` is (w, [x_0; s]) → (f, g), with the functions ``interval``, (x_k, h_k, u_k), s → (x_{k+1},
+    h_{k+1}), cost, and ``clearance``, x_k, s → clearances, all scaled; its sizes are ``knots``, ``nx``, ``nu`` and
+    ``n_clearances``, and its scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and
+    h / ``step_scale``; f is J / ``cost_scale``. Without the goal, w has the bounds ``lower`` and ``upper`` (nw,);
+    ``targets`` (W, nx) are goal states, one per winding.
     """
 
     nlp: ca.Function
+    interval: ca.Function
+    clearance: ca.Function
     knots: int
     nx: int
     nu: int
@@ -81,15 +84,15 @@ class Transcription:
         }
 
     @cached_property
-    def _present(self) -> NDArray[np.bool_]:
-        """Which entries of the full table (N, nx + 1 + nu) of (x, h, u) are variables."""
+    def present(self) -> NDArray[np.bool_]:
+        """Which entries of the full table (N, nx + 1 + nu) of (x, h, u) are variables of w, in their order."""
         return _present(self.knots, self.nx, self.nu)
 
     @cached_property
     def _is_step(self) -> NDArray[np.bool_]:
         """Which variables are steps, (nw,)."""
         column = np.arange(self.nx + 1 + self.nu) == self.nx
-        return np.tile(column, (self.knots, 1))[self._present]
+        return np.tile(column, (self.knots, 1))[self.present]
 
     @cached_property
     def clearance_rows(self) -> NDArray[np.int64]:
@@ -121,12 +124,12 @@ class Transcription:
         table[:, :, : self.nx] = trajectory.states / self.state_scale
         table[:, :, self.nx] = (trajectory.step / self.step_scale)[:, None]
         table[:, :-1, self.nx + 1 :] = (trajectory.controls - self.control_centre) / self.control_scale
-        return table[:, self._present]
+        return table[:, self.present]
 
     def unpack(self, w: Array, initial: Array) -> Trajectory:
         """Trajectories of scaled variables ``w`` (B, nw) and initial states ``initial`` (B, nx)."""
         table = np.zeros((len(w), self.knots, self.nx + 1 + self.nu))
-        table[:, self._present] = w
+        table[:, self.present] = w
         states = table[:, :, : self.nx] * self.state_scale
         states[:, 0] = initial
         controls = table[:, :-1, self.nx + 1 :] * self.control_scale + self.control_centre
@@ -166,8 +169,11 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
         return np.tile(row, (knots, 1))[present]
 
     cost_scale = _cost_scale(problem)
+    interval, clearance = _interval(problem, step_scale, cost_scale), _clearance(problem)
     return Transcription(
-        nlp=_program(problem, step_scale, cost_scale),
+        nlp=_program(problem, interval, clearance),
+        interval=interval,
+        clearance=clearance,
         knots=knots,
         nx=system.nx,
         nu=system.nu,
@@ -196,22 +202,26 @@ def _cost_scale(problem: OptimalControlProblem) -> float:
     return float(100.0 ** np.floor(np.log10(typical) / 2)) if typical > 0 else 1.0
 
 
-def _interval(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
-    """Scaled (x_k, h_k, u_k), s → scaled (x_{k+1}, h_{k+1}) and the cost of the interval."""
+def _interval(problem: OptimalControlProblem, step_scale: float, cost_scale: float) -> ca.Function:
+    """Scaled (x_k, h_k, u_k), s → scaled (x_{k+1}, h_{k+1}) and the scaled cost of the interval."""
     system = problem.system
     x, u, s = problem.symbols()
     h = ca.SX.sym("h")
     scale = ca.DM(system.state.scale)
     control = u * ca.DM(system.control.scale) + ca.DM(problem.goal.control)
     following, cost = problem.flow(x * scale, control, s, h * step_scale, problem.substeps)
-    return ca.Function("interval", [ca.vertcat(x, h, u), s], [ca.vertcat(following / scale, h), cost])
+    return ca.Function("interval", [ca.vertcat(x, h, u), s], [ca.vertcat(following / scale, h), cost / cost_scale])
 
 
-def _program(problem: OptimalControlProblem, step_scale: float, cost_scale: float) -> ca.Function:
+def _clearance(problem: OptimalControlProblem) -> ca.Function:
+    """Scaled x_k, s → clearances."""
+    x, _, s = problem.symbols()
+    return ca.Function("clearances", [x, s], [problem.clearances(x * ca.DM(problem.system.state.scale), s)])
+
+
+def _program(problem: OptimalControlProblem, interval: ca.Function, clearance: ca.Function) -> ca.Function:
     nx, nu, m = problem.system.nx, problem.system.nu, problem.knots - 1
     scale = ca.DM(problem.system.state.scale)
-    x, _, s = problem.symbols()
-    clearances = ca.Function("clearances", [x, s], [problem.clearances(x * scale, s)])
     parameter = ca.MX.sym("p", nx + len(problem.context))
     sizes = [1 + nu] + [nx + 1 + nu] * (m - 1) + [nx + 1]
     w = ca.MX.sym("w", sum(sizes))
@@ -220,10 +230,9 @@ def _program(problem: OptimalControlProblem, step_scale: float, cost_scale: floa
     context = parameter[nx:]
     ends = ca.horzcat(*[stage[: nx + 1] for stage in stages[1:]])
     contexts = ca.repmat(context, 1, m)
-    following, costs = _interval(problem, step_scale).map(m)(ca.horzcat(*stages[:-1]), contexts)
-    defects, free = ends - following, clearances.map(m)(ends[:nx, :], contexts)
+    following, costs = interval.map(m)(ca.horzcat(*stages[:-1]), contexts)
+    defects, free = ends - following, clearance.map(m)(ends[:nx, :], contexts)
     rows = ca.vertcat(defects[:, 0], ca.vec(ca.vertcat(defects[:, 1:], free[:, :-1])), free[:, -1])
-    cost = ca.sum2(costs) / cost_scale
-    nlp = ca.Function("nlp", [w, parameter], [cost, rows], ["x", "p"], ["f", "g"])
+    nlp = ca.Function("nlp", [w, parameter], [ca.sum2(costs), rows], ["x", "p"], ["f", "g"])
     expanded = nlp.expand()
     return expanded if expanded.n_nodes() <= _EXPANDED else nlp

@@ -11,6 +11,7 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Sequence
@@ -46,6 +47,12 @@ def find_compiler() -> str | None:
 @cache
 def _compiler_version(compiler: str) -> str:
     return subprocess.run([compiler, "--version"], capture_output=True, check=True).stdout.decode(errors="replace")
+
+
+@cache
+def written_by(*modules: str) -> str:
+    """A hash of the source of ``modules`` that write C, which tells their libraries from those of other versions."""
+    return hashlib.sha256(b"".join(Path(str(sys.modules[name].__file__)).read_bytes() for name in modules)).hexdigest()
 
 
 def compiled(

@@ -21,7 +21,7 @@ from typing import cast
 import casadi as ca
 
 from ocp_envs.support.arrays import Array
-from ocp_envs.support.compiler import NATIVE, compiled
+from ocp_envs.support.compiler import NATIVE, compiled, written_by
 
 #: Contractions would round differently in a vector and in the interpreter. The flags on errno and traps let the
 #: compiler use the processor's square roots and roundings.
@@ -92,6 +92,11 @@ _HEAD = """\
 #define L 4
 #define VECTOR(kind, name) _ZGVdN4##kind##_##name
 #endif
+#ifdef __AVX__
+#define LEAVE __builtin_ia32_vzeroupper()
+#else
+#define LEAVE
+#endif
 typedef double V __attribute__((vector_size(8 * L)));
 typedef long long M __attribute__((vector_size(8 * L)));
 #define EACH for (int l = 0; l < L; l++)
@@ -117,24 +122,40 @@ def kernel(function: ca.Function) -> Entry | None:
     each in the memory of (rows, entries) with the entries of matrices column by column. Other Python threads run
     meanwhile.
     """
-    if not function.is_a("SXFunction") or function.n_instructions() > MOST_INSTRUCTIONS:
+    if not vectorisable(function) or function.n_instructions() > MOST_INSTRUCTIONS:
         return None
-    if any(function.instruction_id(k) not in _NAMES for k in range(function.n_instructions())):
-        return None
-    return compiled("rows", function.serialize(), lambda: source(function), FLAGS, _entry)
+
+    def entry(library: Path) -> Entry:
+        found = ctypes.CDLL(str(library))[symbol(function)]
+        found.argtypes, found.restype = (ctypes.c_longlong, ctypes.c_void_p, ctypes.c_void_p), None
+        return cast(Entry, found)
+
+    content = (function.serialize(), written_by(__name__))
+    return compiled("rows", content, lambda: source([function]), FLAGS, entry)
 
 
-def _entry(library: Path) -> Entry:
-    entry = ctypes.CDLL(str(library)).rows
-    entry.argtypes, entry.restype = (ctypes.c_longlong, ctypes.c_void_p, ctypes.c_void_p), None
-    return cast(Entry, entry)
+def vectorisable(function: ca.Function) -> bool:
+    """Whether ``function`` consists of scalar instructions that a kernel can have."""
+    if not function.is_a("SXFunction"):
+        return False
+    return all(function.instruction_id(k) in _NAMES for k in range(function.n_instructions()))
 
 
-def source(function: ca.Function) -> str:
-    """The C of the kernel of ``function``."""
+def symbol(function: ca.Function) -> str:
+    """The name in C of the kernel of ``function``."""
+    return f"rows_{function.name()}"
+
+
+def declaration(function: ca.Function) -> str:
+    """The declaration in C of the kernel of ``function``; null arguments are zero, null results are not wanted."""
+    return f"void {symbol(function)}(long long n, const double *const *a, double *const *r)"
+
+
+def source(functions: Sequence[ca.Function]) -> str:
+    """The C of the kernels of ``functions``, which are :func:`vectorisable`."""
     used: set[str] = set()
-    body = list(_body(function, used))
-    return "\n".join([_HEAD, *(_library_function(name) for name in sorted(used)), *_frame(function, body)])
+    frames = [line for function in functions for line in _frame(function, list(_body(function, used)))]
+    return "\n".join([_HEAD, *(_library_function(name) for name in sorted(used)), *frames])
 
 
 def _body(function: ca.Function, used: set[str]) -> Iterator[str]:
@@ -178,7 +199,7 @@ def _library_function(name: str) -> str:
 def _frame(function: ca.Function, body: Sequence[str]) -> Iterator[str]:
     """The loop over vectors of rows around ``body``; the last row fills what is left of the last vector."""
     work = sorted({i for k in range(function.n_instructions()) for i in _written(function, k)})
-    yield "void rows(long long n, const double *const *a, double *const *r) {"
+    yield f"{declaration(function)} {{"
     yield "for (long long i = 0; i < n; i += L) {"
     yield "const long long m = n - i < L ? n - i : L;"
     if work:
@@ -186,14 +207,16 @@ def _frame(function: ca.Function, body: Sequence[str]) -> Iterator[str]:
     for i in range(function.n_in()):
         if size := function.nnz_in(i):
             yield f"V x{i}[{size}];"
-            yield f"EACH {{ const double *p = a[{i}] + (i + (l < m ? l : m - 1)) * {size};"
+            yield f"if (a[{i}]) EACH {{ const double *p = a[{i}] + (i + (l < m ? l : m - 1)) * {size};"
             yield f"for (int k = 0; k < {size}; k++) x{i}[k][l] = p[k]; }}"
+            yield f"else for (int k = 0; k < {size}; k++) x{i}[k] = all(0.0);"
     yield from (f"V y{i}[{max(function.nnz_out(i), 1)}];" for i in range(function.n_out()))
     yield from body
     for i in range(function.n_out()):
         size = function.nnz_out(i)
-        yield f"for (int l = 0; l < m; l++) for (int k = 0; k < {size}; k++) r[{i}][(i + l) * {size} + k] = y{i}[k][l];"
-    yield "}}"
+        yield f"if (r[{i}]) for (int l = 0; l < m; l++) for (int k = 0; k < {size}; k++)"
+        yield f"r[{i}][(i + l) * {size} + k] = y{i}[k][l];"
+    yield "} LEAVE; }"
 
 
 def _written(function: ca.Function, k: int) -> Sequence[int]:

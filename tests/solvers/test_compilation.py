@@ -57,9 +57,9 @@ def test_compiled_and_interpreted_agree_and_the_library_is_kept(folder, monkeypa
 
 @needs_compiler
 def test_another_program_or_solver_is_another_library(folder):
-    program = transcribe(DOUBLE_INTEGRATOR).nlp
+    program = transcribe(DOUBLE_INTEGRATOR)
     build_solver("ipopt", program, OPTIONS)
-    build_solver("ipopt", transcribe(DOUBLE_INTEGRATOR.with_constants(mass=2.0)).nlp, OPTIONS)
+    build_solver("ipopt", transcribe(DOUBLE_INTEGRATOR.with_constants(mass=2.0)), OPTIONS)
     assert len(libraries(folder)) == 2
 
 
@@ -92,7 +92,7 @@ def test_a_compiler_that_cannot_tell_its_version_is_no_compiler(monkeypatch, tmp
 
 @needs_compiler
 def test_a_library_that_does_not_load_is_replaced(folder):
-    program = transcribe(DOUBLE_INTEGRATOR).nlp
+    program = transcribe(DOUBLE_INTEGRATOR)
     build_solver("ipopt", program, OPTIONS)
     (name,) = libraries(folder)
     forget(folder / name)
@@ -107,7 +107,7 @@ def test_a_library_that_does_not_load_is_replaced(folder):
 @needs_compiler
 def test_a_truncated_library_is_built_again_and_never_loaded(folder):
     """Loaded, it would end the process with SIGBUS."""
-    program = transcribe(DOUBLE_INTEGRATOR).nlp
+    program = transcribe(DOUBLE_INTEGRATOR)
     build_solver("ipopt", program, OPTIONS)
     (name,) = libraries(folder)
     size = (folder / name).stat().st_size
@@ -132,7 +132,7 @@ def test_two_processes_at_once(folder):
         "from ocp_envs.solvers.compilation import build_solver\n"
         "from ocp_envs.solvers.transcription import transcribe\n"
         "from tests.small_problems import DOUBLE_INTEGRATOR\n"
-        f"build_solver('ipopt', transcribe(DOUBLE_INTEGRATOR).nlp, {OPTIONS!r})\n"
+        f"build_solver('ipopt', transcribe(DOUBLE_INTEGRATOR), {OPTIONS!r})\n"
     )
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p or os.getcwd() for p in sys.path)}
     processes = [subprocess.Popen([sys.executable, "-c", code], env=environment) for _ in range(2)]
