@@ -71,6 +71,8 @@ class ModelFile:
 
 def _pair(path: str | os.PathLike[str]) -> tuple[Path, Path]:
     base = Path(path)
+    if not base.name:
+        raise ValueError(f"path: expected a folder and a name, got {os.fspath(path)!r}")
     if base.suffix in (".safetensors", ".json"):
         base = base.with_suffix("")
     # Not with_suffix: names such as "moe-retrained-softmax-0.1" contain a dot.

@@ -175,8 +175,6 @@ def load_file(path: PathLike, problem: ProblemOrId | None = None, *, kind: type[
         TypeError: the model is of another class than ``kind``.
         ValueError: a path without a name.
     """
-    if not Path(path).name:
-        raise ValueError(f"path: expected the path of a model's files, got {os.fspath(path)!r}")
     file = read_model(path)
     problem = problem_of(str(file.description.get("problem")) if problem is None else problem)
     file.check_problem(problem)

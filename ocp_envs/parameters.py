@@ -111,6 +111,7 @@ class Parametrisation:
         turns[:, slots] = (p - within)[:, in_state]
         return within, turns
 
+    @checked
     def check(self, p: ArrayLike, extrapolate: bool) -> Array:
         """``p`` as a float64 array (B, np), inside the box unless ``extrapolate``, finite in any case.
 

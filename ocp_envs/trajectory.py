@@ -90,6 +90,7 @@ class Trajectory(Batch):
         return replace(self, states=self.states + offset[:, None]) if offset.any() else self
 
     @classmethod
+    @checked
     def from_flat(cls, z: ArrayLike, knots: int, nx: int, nu: int) -> Trajectory:
         """The inverse of :meth:`flat`.
 

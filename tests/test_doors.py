@@ -1,4 +1,4 @@
-"""Every exported callable with arguments that do not fit: told at the door, in words, at once."""
+"""Every exported callable, and each method that takes data of a user, with strange arguments: told at once, in words."""
 
 from __future__ import annotations
 
@@ -26,9 +26,11 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.support.rows import Batch
 from tests.door_calls import Door, doors
 from tests.door_values import use_folder
+from tests.method_calls import methods
 from tests.strangeness import CHANGES, STRANGE, may_fit
 
 DOORS = list(doors())
+EVERYTHING = [*DOORS, *methods()]
 resource = pytest.importorskip("resource", reason="the memory of a call is limited on Unix alone")
 ROOT = Path(__file__).resolve().parents[1]
 STRANGENESS = str(ROOT / "tests" / "strangeness.py")
@@ -170,10 +172,10 @@ def some(door: Door, examples: int) -> Count:
     return fuzz(door, examples)
 
 
-@pytest.mark.parametrize("door", DOORS, ids=lambda door: door.name)
+@pytest.mark.parametrize("door", EVERYTHING, ids=lambda door: door.name)
 def test_what_does_not_fit_is_refused_at_the_door(door):
     door.value(**door.arguments())
-    count = some(door, 3)
+    count = some(door, 2)
     assert not count.accepted + count.foreign + count.hanging, str(count)
 
 
@@ -181,7 +183,7 @@ def test_what_does_not_fit_is_refused_at_the_door(door):
 def test_ten_thousand_strange_calls():
     """None is accepted in silence or hangs, and hardly any ends in an error of another library."""
     count = Count()
-    for door in DOORS:
+    for door in EVERYTHING:
         count += some(door, 100)
     assert sum(count.calls.values()) >= 10_000
     assert not count.accepted + count.hanging, str(count)
@@ -195,7 +197,7 @@ def test_every_function_and_class_that_can_be_called_is_a_door(package):
     assert names >= {name for name, value in values.items() if inspect.isfunction(value) or is_dataclass(value)}
 
 
-NAMED = [door for door in DOORS if "ProblemOrId" in str(door.signature)]
+NAMED = [door for door in EVERYTHING if "ProblemOrId" in str(door.signature)]
 
 
 @pytest.mark.parametrize("door", NAMED, ids=lambda door: door.name)

@@ -37,4 +37,7 @@ def split(problem: OptimalControlProblem, observations: ArrayLike) -> tuple[Arra
 
 def beginning(episode_start: ArrayLike | None, size: int) -> Bools:
     """Mask (``size``,) of the rows in which an episode begins; none does where ``episode_start`` is ``None``."""
-    return np.zeros(size, bool) if episode_start is None else np.broadcast_to(np.asarray(episode_start, bool), size)
+    flags = np.zeros(size, bool) if episode_start is None else np.asarray(episode_start, bool)
+    if flags.shape not in ((), (1,), (size,)):
+        raise ValueError(f"expected episode_start ({size},), got {flags.shape}")
+    return np.broadcast_to(flags, size)

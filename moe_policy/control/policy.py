@@ -9,6 +9,8 @@ who call it know nothing of :meth:`ModelPolicy.check`.
 from __future__ import annotations
 
 from functools import cached_property
+from types import NoneType
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +22,7 @@ from moe_policy.protocols import ExactPolicy, Policy, State
 from ocp_envs.envs.interface import Interface
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.doors import checked
 
 
 class ModelPolicy:
@@ -27,6 +30,8 @@ class ModelPolicy:
 
     problem: OptimalControlProblem
     dt: float
+    #: The class of the recurrent state of :meth:`act`.
+    recurrent: ClassVar[type] = NoneType
 
     def act(self, observations: NDArray[np.floating], state: State, begins: Bools) -> tuple[Array, State]:
         """The controls (B, nu) of one control step in float64, within their bounds, and the next recurrent state.
@@ -61,6 +66,7 @@ class ModelPolicy:
     def _watch(self) -> Watch:
         return Watch(self.problem, self.dt)
 
+    @checked
     def predict(
         self,
         observation: ArrayLike,
@@ -86,7 +92,9 @@ class ModelPolicy:
             actions in the action space of the environment, (nu,) or (B, nu) in float32, and the recurrent state.
 
         Raises:
-            ValueError: observations of another shape, or that move as those of another environment.
+            TypeError: the recurrent state of another policy.
+            ValueError: observations or flags of another shape, or observations that move as those of another
+                environment.
         """
         values = observations_of(self.problem, observation)
         begins, restarted, inner = beginning(episode_start, len(values)), np.zeros(len(values), bool), state
@@ -94,6 +102,9 @@ class ModelPolicy:
             if len(state) != len(values):
                 raise ValueError(f"got {len(values)} observations with the recurrent state of {len(state)} episodes")
             restarted, inner = self._watch.restarted(state, values, begins), state.inner
+        if not isinstance(inner, (self.recurrent, NoneType)):
+            got = f"{type(inner).__name__}; give the state that the last call returned, or None at first"
+            raise TypeError(f"state: expected a recurrent state of this policy, got {got}")
         controls, inner = self.act(values, inner, begins | restarted)
         space = self.interface.action_space
         actions = np.clip(controls.astype(np.float32), space.low, space.high)

@@ -67,6 +67,8 @@ class Stabilised(ModelPolicy):
         weights: see :class:`Stabiliser`.
     """
 
+    recurrent = Entered
+
     @checked
     def __init__(
         self,

@@ -92,6 +92,8 @@ class TrackingPolicy(ModelPolicy):
         weights: tracking weights; :meth:`TrackingWeights.default` where not given.
     """
 
+    recurrent = Tracking
+
     @checked
     def __init__(
         self,
@@ -106,6 +108,7 @@ class TrackingPolicy(ModelPolicy):
         self.dt = self.regulator.dt
         self._resample = Resampler(problem, self.dt)
 
+    @checked
     def start(self, parameters: ArrayLike) -> Tracking:
         """The recurrent state before the first control step, with plans for ``parameters`` (B, np) or (np,) in float64.
 

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
@@ -53,9 +53,10 @@ class TrackingWeights:
             raise ValueError(f"authority must lie in (0, 1], got {self.authority}")
 
     @classmethod
+    @checked
     def uniform(
         cls,
-        problem: OptimalControlProblem,
+        problem: ProblemOrId,
         state: float = 10.0,
         control: float = 0.1,
         terminal: float | None = None,
@@ -65,13 +66,16 @@ class TrackingWeights:
 
         Without a factor ``terminal`` that weight is the default of the class, which also explains ``authority``.
         """
+        problem = problem_of(problem)
         nx, nu = problem.system.nx, problem.system.nu
         end = None if terminal is None else terminal * np.eye(nx)
         return cls(np.full(nx, state), np.full(nu, control), end, authority)
 
     @classmethod
-    def default(cls, problem: OptimalControlProblem) -> TrackingWeights:
+    @checked
+    def default(cls, problem: ProblemOrId) -> TrackingWeights:
         """The weights of :data:`CHOSEN` for ``problem``; Q = 10 I and R = 0.1 I for any other problem."""
+        problem = problem_of(problem)
         return cls.uniform(problem, **CHOSEN.get(problem.id, {}))
 
     def control_at(self, controls: Array, box: Box) -> Array:

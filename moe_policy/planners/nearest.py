@@ -39,6 +39,7 @@ class NearestPlanner:
         """What is stored, as samples to learn from or for warm starts."""
         return Samples.of(self.problem, self.parameters, self.trajectory, self.mode)
 
+    @checked
     def neighbours(self, p: ArrayLike, k: int = 1) -> Ints:
         """Rows (B, k) of the ``k`` stored parameters that are nearest to ``p`` (B, np) or (np,), nearest first."""
         check_whole("k", k, 1, len(self.parameters))
@@ -62,6 +63,7 @@ class NearestPlanner:
         """Number of values that take part in one plan."""
         return len(self.problem.parameters) + self.problem.flat_size
 
+    @checked
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write ``<path>.safetensors`` and ``<path>.json``; trajectories in float32, parameters in float64."""
         tensors: Tensors = {

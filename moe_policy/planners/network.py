@@ -151,6 +151,7 @@ class NetworkPlanner:
             return self.parameters_total
         return self.network.gate.count + max(expert.count for expert in self.network.experts)
 
+    @checked
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write ``<path>.safetensors`` and ``<path>.json``."""
         network = self.network

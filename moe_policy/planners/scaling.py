@@ -45,6 +45,7 @@ class Standardizer:
         return len(self.mean)
 
     @classmethod
+    @checked
     def fit(cls, values: ArrayLike) -> Standardizer:
         """The standardiser of finite ``values`` (M, n), M ≥ 1: those of the training split, never all data."""
         array = np.asarray(values, dtype=np.float64)
@@ -74,10 +75,12 @@ class Standardizer:
             raise ValueError(f"expected {len(self)} columns, got values of shape {array.shape}")
         return array
 
+    @checked
     def scale(self, values: ArrayLike) -> Array:
         """Standardised ``values``, (..., n) → (..., n)."""
         return (self._checked(values) - self.mean) / self.std
 
+    @checked
     def unscale(self, values: ArrayLike) -> Array:
         """The inverse of :meth:`scale` at ``values``, (..., n) → (..., n)."""
         return self._checked(values) * self.std + self.mean

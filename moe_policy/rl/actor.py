@@ -117,6 +117,8 @@ class LearnedPolicy(ModelPolicy):
         ValueError: an actor of other sizes than the problem's, or a period that is no multiple of ``dt``.
     """
 
+    recurrent = Held
+
     @checked
     def __init__(
         self,
@@ -144,12 +146,14 @@ class LearnedPolicy(ModelPolicy):
 
     parameters_active = parameters_total  # every decision uses all weights
 
+    @checked
     def at(self, dt: float) -> LearnedPolicy:
         """The same policy for environments with another control period ``dt``, seconds."""
         return LearnedPolicy(
             self.problem, self.actor, period=self.period, dt=dt, algorithm=self.algorithm, details=self.details
         )
 
+    @checked
     def controls(self, observation: ArrayLike) -> Array:
         """Controls (B, nu) that the actor decides at an ``observation`` (B, nx + nc)."""
         return self._actions.controls(self.actor(self._features(observation)))
@@ -171,6 +175,7 @@ class LearnedPolicy(ModelPolicy):
         layers = "-".join(map(str, self.actor.sizes))
         return f"LearnedPolicy({self.problem.id!r}, {self.algorithm!r}, layers {layers}, {self.period} s, dt={self.dt})"
 
+    @checked
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the files ``path`` + ``.safetensors`` and ``.json``; :func:`moe_policy.load_file` reads them."""
         tensors = {

@@ -25,6 +25,7 @@ from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.envs.simulation import largest_cost_rate
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.doors import checked
 from ocp_envs.support.kinds import AnyFloat
@@ -59,8 +60,10 @@ class Performance:
     final_error: AnyFloat
 
     @classmethod
-    def of(cls, problem: OptimalControlProblem, episodes: Episodes, optimal_costs: Array | None = None) -> Performance:
+    @checked
+    def of(cls, problem: ProblemOrId, episodes: Episodes, optimal_costs: Array | None = None) -> Performance:
         """The metrics of ``episodes`` (B) on ``problem``, with the best known costs ``optimal_costs`` (B,)."""
+        problem = problem_of(problem)
         won, failure = episodes.success, largest_cost_rate(problem) * problem.time_limit
         ratio = None
         if optimal_costs is not None and won.any():

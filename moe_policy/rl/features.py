@@ -56,7 +56,7 @@ class Features:
             raise ValueError(f"{self.problem.id}: expected observations (..., {expected}), got {values.shape}")
         angles = values[..., self._angles] * self._frequency
         linear = (values[..., self._linear] - self._middle) / self._scale
-        pairs = np.stack([np.sin(angles), np.cos(angles)], axis=-1).reshape(*angles.shape[:-1], -1)
+        pairs = np.stack([np.sin(angles), np.cos(angles)], axis=-1).reshape(*angles.shape[:-1], 2 * angles.shape[-1])
         return np.concatenate([pairs, linear], axis=-1).astype(np.float32)
 
 

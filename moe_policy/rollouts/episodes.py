@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
@@ -61,7 +61,8 @@ class Episodes(Batch):
         """
         return np.asarray(self.violation <= tolerance)
 
-    def to_frame(self, problem: OptimalControlProblem) -> Any:
+    @checked
+    def to_frame(self, problem: ProblemOrId) -> Any:
         """The episodes as a ``DataFrame`` of pandas, one a row, with a column for each result and each parameter.
 
         Parameters have the names that ``problem`` gives them; records of states and controls are left out.
@@ -70,6 +71,7 @@ class Episodes(Batch):
             ImportError: pandas is not installed.
             ValueError: episodes of a problem with another number of parameters.
         """
+        problem = problem_of(problem)
         try:
             from pandas import DataFrame
         except ImportError as error:

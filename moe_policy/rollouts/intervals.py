@@ -97,6 +97,7 @@ class Mean(Estimate):
     interval: Interval
 
     @classmethod
+    @checked
     def of(cls, values: ArrayLike) -> Self | None:
         """The mean of the finite ones among ``values`` (n,) ≥ 0; ``None`` where there are none."""
         table = np.asarray(values, dtype=np.float64)

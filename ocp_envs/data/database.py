@@ -16,6 +16,7 @@ from ocp_envs.data.samples import Samples
 from ocp_envs.data.stored_database import StoredDatabase
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array, Ints, scratch
+from ocp_envs.support.doors import checked
 
 #: Rows of all families read into memory at a time.
 _BLOCK = 5_000
@@ -79,6 +80,7 @@ class Database(StoredDatabase):
         """Those of ``indices`` whose instance has a solution."""
         return indices[(self._status() == Status.SOLVED)[self._row_of_index[indices]]]
 
+    @checked
     def samples(self, indices: ArrayLike | None = None) -> Samples:
         """The best solution of every instance that has one.
 
@@ -90,8 +92,13 @@ class Database(StoredDatabase):
 
         Raises:
             DatabaseError: damaged files.
+            ValueError: indices that the database does not have.
         """
-        wanted = np.arange(len(self)) if indices is None else np.asarray(indices, dtype=np.int64)
+        wanted = np.arange(len(self)) if indices is None else np.asarray(indices)
+        known = (wanted >= 0) & (wanted < len(self)) & (wanted == np.floor(wanted))
+        if wanted.ndim != 1 or wanted.dtype == bool or not known.all():
+            raise ValueError(f"{self.path}: expected indices (K,) in 0 … {len(self) - 1}, got {wanted!r:.99}")
+        wanted = wanted.astype(np.int64)
         index, problem = self.solved(wanted), self.problem
         mode_costs, rows = self.costs()[index], self._row_of_index[index]
         mode = np.asarray(mode_costs.argmin(axis=1), dtype=np.int64)

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
@@ -59,11 +60,13 @@ class Samples(Batch):
             )
 
     @classmethod
-    def of(cls, problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, mode: Ints) -> Samples:
+    @checked
+    def of(cls, problem: ProblemOrId, parameters: Array, trajectory: Trajectory, mode: Ints) -> Samples:
         """Samples of ``problem`` whose costs and multipliers are unknown.
 
         Given are ``parameters`` (M, np), M optimal trajectories ``trajectory`` and their families ``mode`` (M,).
         """
+        problem = problem_of(problem)
         count, modes = len(parameters), len(problem.modes)
         unknown = np.full(count, np.nan)
         multipliers = np.full((count, problem.knots, problem.n_clearances), np.nan)

@@ -29,7 +29,6 @@ from ocp_envs import problems
 from ocp_envs.data.array_files import ArrayFiles
 from ocp_envs.data.description import Description, read_description, write_description
 from ocp_envs.data.layout import CURE, MISSING, DatabaseError, StoredRows, given, layout
-from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.doors import checked
@@ -70,10 +69,11 @@ class StoredDatabase:
         return f"<{type(self).__name__} {str(self.path)!r} of {self.problem.id!r}: {found}>"
 
     @classmethod
+    @checked
     def create(
         cls,
         path: str | os.PathLike[str],
-        problem: OptimalControlProblem,
+        problem: ProblemOrId,
         parameters: ArrayLike,
         *,
         order: ArrayLike | None = None,
@@ -95,6 +95,7 @@ class StoredDatabase:
             ValueError: parameters of the wrong shape or not finite, an order that is no permutation, or no rows that
                 are written at a time.
         """
+        problem = problem_of(problem)
         p, target = problem.check_parameters(parameters, extrapolate=True), Path(path)
         rows = _permutation(np.arange(len(p)) if order is None else order, 0, len(p))
         if target.exists():
@@ -117,17 +118,20 @@ class StoredDatabase:
         return cls.open(path, problem)
 
     @classmethod
-    def open(cls, path: str | os.PathLike[str], problem: OptimalControlProblem | None = None) -> Self:
+    @checked
+    def open(cls, path: str | os.PathLike[str], problem: ProblemOrId | None = None) -> Self:
         """The database in the folder ``path``, made for ``problem``; by default for the registered one of its id.
 
         Raises:
             DatabaseError: not a database, damaged, or made for another problem.
         """
+        problem = None if problem is None else problem_of(problem)
         folder = Path(path)
         if not folder.is_dir():
             raise DatabaseError(f"there is no database at {path}; make one with ocp_envs.generate")
         return cls(folder, problems.load(read_description(folder).problem) if problem is None else problem)
 
+    @checked
     def grow(self, parameters: ArrayLike, order: ArrayLike) -> Self:
         """This database with room for further instances, whose rows do not exist yet; those of the others stay.
 

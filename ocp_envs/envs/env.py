@@ -144,6 +144,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         self._observed[: state.shape[1]] = measured
         return self._observed.copy()
 
+    @checked
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[NDArray[np.float32], Info]:
         """Begin an episode and return the observation and ``info``.
 

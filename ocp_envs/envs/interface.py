@@ -8,7 +8,7 @@ from functools import cached_property
 import gymnasium as gym
 import numpy as np
 
-from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
@@ -31,8 +31,10 @@ class Interface:
     control: Box
 
     @classmethod
-    def of(cls, problem: OptimalControlProblem, dt: float) -> Interface:
+    @checked
+    def of(cls, problem: ProblemOrId, dt: float) -> Interface:
         """The interface of environments of ``problem`` with control steps of ``dt`` seconds."""
+        problem = problem_of(problem)
         return cls(problem.id, dt, problem.system.state, problem.context, problem.system.control)
 
     @cached_property

@@ -165,6 +165,7 @@ class Simulator:
         """(x, u, s) → (next x, [cost, violation, reached, left the box]): a control step without a disturbance."""
         return self._plain.function
 
+    @checked
     def advance(
         self, states: ArrayLike, controls: ArrayLike, contexts: ArrayLike, disturbance: ArrayLike | None = None
     ) -> Step:
@@ -190,6 +191,7 @@ class Simulator:
         cost, violation, reached, left_box = np.ascontiguousarray(summary.T)
         return Step(following, cost, reached > 0, violation, left_box > 0)
 
+    @checked
     def control_step(self, rows: int, disturbed: bool = False) -> ControlStep:
         """One control step of ``rows`` ≥ 1 rows in place; ``disturbed`` says whether it takes a disturbance."""
         return ControlStep((self._disturbed if disturbed else self._plain).bind(rows))

@@ -128,6 +128,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         """Control steps since each episode began, (num_envs,)."""
         return self._steps.copy()
 
+    @checked
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Info | None = None
     ) -> tuple[NDArray[np.float32], Info]:

@@ -9,14 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.guesses import NEAREST_WINDING
 from ocp_envs.solvers.nlp import Result, Status, Task
 from ocp_envs.solvers.transcription import Transcription
 from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.checks import check_whole
 from ocp_envs.support.doors import checked
 from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
+
+#: Rows of one batch.
+_MOST = 10**6
 
 
 @checked
@@ -38,8 +43,11 @@ class Solutions(Batch):
     seconds: Array
 
     @classmethod
-    def empty(cls, problem: OptimalControlProblem, count: int) -> Solutions:
+    @checked
+    def empty(cls, problem: ProblemOrId, count: int) -> Solutions:
         """``count`` times the outcome of no solve at all of ``problem``: EMPTY, without a trajectory."""
+        problem = problem_of(problem)
+        check_whole("count", count, 0, _MOST)
         return cls(
             trajectory=problem.unflatten(np.full((count, problem.flat_size), np.nan)),
             cost=np.full(count, np.inf),
