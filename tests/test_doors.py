@@ -1,4 +1,4 @@
-"""Every exported callable, and each method that takes data of a user, with strange arguments: told at once, in words."""
+"""Every exported callable, and each method that takes data of a user, with strange arguments: told in words at once."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def test_no_parameters_begin_no_plan():
     "observation", [[["1", "2"]], [[None, 1.0]], [1j, 0.0], [0.0], np.zeros((2, 3)), 0.0, np.zeros((1, 1, 2))]
 )
 def test_observations_that_are_no_numbers_or_of_another_shape_are_refused(policy, observation):
-    with pytest.raises(ValueError, match="PendulumSwingup-v0: expected observations"):
+    with pytest.raises((TypeError, ValueError), match=r"observations?: expected|expected observations"):
         policy.predict(observation)
 
 
