@@ -102,8 +102,8 @@ def cluster(
     Args:
         database: a Database or its samples, M of them.
         method: ``"custom"``, ``"kmeans"``, ``"kmeans-pca"`` or ``"continuation"``.
-        k: number of clusters, for k-means alone; ``custom`` has those of the problem's solution families that occur,
-            ``continuation`` finds theirs.
+        k: number of clusters, for k-means; ``custom`` has those of the problem's solution families that occur, and
+            ``continuation`` those that it finds, or these split further into k parts.
         components: number of principal components, for ``kmeans-pca`` alone.
         seed: of the initial centres of k-means.
         n_init: number of runs of k-means, the best of which is kept.
@@ -121,14 +121,14 @@ def cluster(
         raise ValueError(f"unknown method {method!r}; {did_you_mean(method, METHODS)}known are {list(METHODS)}")
     if (method != "kmeans-pca") != (components is None):
         raise ValueError(f"'components' is needed by 'kmeans-pca' and by nothing else; got {method!r} and {components}")
-    if (method in ("custom", "continuation")) != (k is None):
-        raise ValueError(f"'k' is needed by k-means and not by {method!r}; got method {method!r} and k = {k}")
+    if method != "continuation" and (method == "custom") != (k is None):
+        raise ValueError(f"'k' is needed by k-means and not by 'custom'; got method {method!r} and k = {k}")
     check_whole("seed", seed, 0)
     check_whole("n_init", n_init)
     samples = samples_of(database)
     if method == "continuation":
         beside = database.path.with_suffix(".continuation") if isinstance(database, Database) else None
-        return _by_continuation(samples, beside if kept is None else Path(kept), executor)
+        return _by_continuation(samples, beside if kept is None else Path(kept), executor, k)
     if k is None:
         return _by_mode(samples)
     return _by_kmeans(samples, method, k, components, seed, n_init)
@@ -142,9 +142,13 @@ def _by_mode(samples: Samples) -> Labels:
     return Labels(values, tuple(names[mode] for mode in present), "custom", {"modes": present.tolist()})
 
 
-def _by_continuation(samples: Samples, kept: Path | None, executor: Executor | None) -> Labels:
+def _by_continuation(samples: Samples, kept: Path | None, executor: Executor | None, k: int | None) -> Labels:
+    if k is not None:
+        check_whole("k", k, 1, len(samples))
     found = continued(samples, kept, neighbours=NEIGHBOURS, executor=executor)
-    parts = families_of(found, samples.problem.parameters, samples.parameters)
+    parts = families_of(found, samples.problem.parameters, samples.parameters, least=k or 1)
+    if k is not None and (count := int(parts.values.max()) + 1) > k:
+        raise ValueError(f"k: got {k}, but {count} families were found; expected at least {count}, or None for these")
     names = tuple(f"family {i}" for i in range(parts.values.max() + 1))
     return Labels(parts.values, names, "continuation", record(found, parts))
 

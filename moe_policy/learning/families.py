@@ -26,17 +26,24 @@ _ADJACENT = 1e-3
 
 
 def families_of(
-    continuation: Continuation, box: Box, parameters: Array, *, width: float = WIDTH, smallest: float = SMALLEST
+    continuation: Continuation,
+    box: Box,
+    parameters: Array,
+    *,
+    least: int = 1,
+    width: float = WIDTH,
+    smallest: float = SMALLEST,
 ) -> Parts:
     """The solution families of instances with ``parameters`` (M, np), by what ``continuation`` says of their pairs.
 
     A part is split along a cut that is thinner than ``width``, every coordinate of p divided by the width of its
-    ``box``. Parts have at least the fraction ``smallest`` of all instances.
+    ``box``. Where fewer than ``least`` families are found, the thinnest of the other cuts split them further. Parts
+    have at least the fraction ``smallest`` of all instances.
     """
     pairs, joined, count = continuation.pairs, continuation.joined, len(parameters)
     graph = symmetric(pairs[joined], np.ones(int(joined.sum())), count)
     support = symmetric(pairs, continuation.agrees.sum(axis=1) + _ADJACENT, count)
-    return parts_of(graph, support, parameters / box.width, width, math.ceil(smallest * count))
+    return parts_of(graph, support, parameters / box.width, width, math.ceil(smallest * count), least)
 
 
 def record(continuation: Continuation, parts: Parts) -> dict[str, object]:

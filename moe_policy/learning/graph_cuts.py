@@ -133,38 +133,45 @@ def width_of(graph: csr_matrix, points: Array, side: Bools, conductance: float) 
     return float(conductance * np.sqrt(12) * along.std() / reach) if reach > 0 else conductance
 
 
-def _cut(graph: csr_matrix, points: Array) -> tuple[Cut, Bools]:
-    """The best cut of a connected ``graph`` of ``points``, and one of its sides."""
-    conductance, side = best_cut(graph)
-    smaller, larger = sorted((int(side.sum()), int((~side).sum())))
-    return Cut(width_of(graph, points, side, conductance), conductance, smaller, larger), side
-
-
-def parts_of(graph: csr_matrix, support: csr_matrix, points: Array, width: float, smallest: int) -> Parts:
+def parts_of(
+    graph: csr_matrix, support: csr_matrix, points: Array, width: float, smallest: int, least: int = 1
+) -> Parts:
     """Parts of ``graph``: its connected components, split along cuts that are thinner than ``width``.
 
-    The nodes are ``points`` (M, n). Pieces of fewer than ``smallest`` nodes are not parts of their own: each goes to
-    the part with which the graph ``support``, on the same nodes, joins it best, or to the largest part where it joins
-    it with none. (The largest piece is a part in any case.)
+    The nodes are ``points`` (M, n). Where fewer than ``least`` parts are found this way, further cuts follow, as far as
+    both sides are large enough. Pieces of fewer than ``smallest`` nodes are not parts of their own: each goes to the
+    part with which the graph ``support``, on the same nodes, joins it best, or to the largest part where it joins it
+    with none. (The largest piece is a part in any case.)
     """
     count, values = connected_components(graph, directed=False)
-    components = np.bincount(values)
-    accepted, rejected = [], []
-    waiting = [part for part in range(count) if components[part] >= max(smallest, 2)]
-    while waiting:
-        part = waiting.pop()
-        nodes = np.flatnonzero(values == part)
-        cut, side = _cut(graph[nodes][:, nodes], points[nodes])
-        if cut.width >= width:
-            rejected.append(cut)
+    components, enough = np.bincount(values), max(smallest, 2)
+    accepted: list[Cut] = []
+    tried = {part: _try(graph, points, values == part) for part in np.flatnonzero(components >= enough).tolist()}
+    whole: list[Cut] = []  # no further cuts
+    while tried:
+        part = min(tried, key=lambda each: tried[each][0].width)
+        cut, side = tried.pop(part)
+        if cut.width >= width and (len(tried) + len(whole) + 1 >= least or cut.smaller < enough):
+            whole.append(cut)
             continue
         accepted.append(cut)
-        values[nodes[side]] = count
-        waiting += [each for each, size in ((part, (~side).sum()), (count, side.sum())) if size >= max(smallest, 2)]
+        values[side] = count
+        for each in (part, count):
+            if np.count_nonzero(values == each) >= enough:
+                tried[each] = _try(graph, points, values == each)
         count += 1
     joined, merged = _merged(values, support, smallest)
     order = tuple(sorted(components.tolist(), reverse=True))
-    return Parts(_by_size(joined), order, tuple(accepted), tuple(rejected), merged)
+    return Parts(_by_size(joined), order, tuple(accepted), tuple(whole), merged)
+
+
+def _try(graph: csr_matrix, points: Array, part: Bools) -> tuple[Cut, Ints]:
+    """The best cut of a ``part`` (M,) of the ``graph``, and the nodes on one of its sides."""
+    nodes = np.flatnonzero(part)
+    own = graph[nodes][:, nodes]
+    conductance, side = best_cut(own)
+    smaller, larger = sorted((int(side.sum()), int((~side).sum())))
+    return Cut(width_of(own, points[nodes], side, conductance), conductance, smaller, larger), nodes[side]
 
 
 def _merged(values: Ints, support: csr_matrix, smallest: int) -> tuple[Ints, int]:

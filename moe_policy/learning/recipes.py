@@ -26,6 +26,8 @@ FORMS: Mapping[str, str] = MappingProxyType(
         "moe-custom": "a mixture over the problem's own solution families, trained decoupled",
         "moe-kmeans-<k>": "the same over k-means clusters of the trajectories",
         "moe-kmeans-pca-<k>": f"the same after a projection on {PRINCIPAL_COMPONENTS} principal components",
+        "moe-auto": "the same over solution families that continuation finds",
+        "moe-auto-<k>": "the same over these families, split further into k parts",
         "moe-random": "a mixture with as many experts as moe-custom, trained jointly from random weights",
         "moe-retrained-argmax": "moe-custom, retrained as one network with argmax",
         "moe-retrained-softmax-<epsilon>": "the same with softmax at epsilon, for instance 1 or 0.1",
@@ -64,6 +66,7 @@ def make(
     seed: int = 0,
     executor: Executor | None = None,
     checkpoints: Path | None = None,
+    kept: Path | None = None,
 ) -> NetworkPlanner | NearestPlanner:
     """Make the planner called ``name`` from a database.
 
@@ -74,6 +77,7 @@ def make(
         seed: of clustering and training.
         executor: trains the networks of a mixture in parallel; by default they are trained one after the other.
         checkpoints: folder of its checkpoints, as in :func:`~moe_policy.fit_single`.
+        kept: folder in which continuation keeps its solves, as in :func:`~moe_policy.cluster`.
 
     Raises:
         CheckpointError: the folder holds the state of another training.
@@ -91,6 +95,10 @@ def make(
         components = PRINCIPAL_COMPONENTS if found[1] == "kmeans-pca" else None
         labels = cluster(database, found[1], k=int(found[2]), components=components, seed=seed)
         return fit_mixture(database, labels, executor=executor, **how)
+    if found := re.fullmatch(r"moe-auto(?:-(\d+))?", name):
+        k = None if found[1] is None else int(found[1])
+        labels = cluster(database, "continuation", k=k, kept=kept)
+        return fit_mixture(database, labels, executor=executor, name=name, **how)
     if name == "moe-random":
         return fit_mixture_jointly(database, cluster(database, "custom").k, **how)
     epsilon = name.removeprefix("moe-retrained-").removeprefix("softmax-")

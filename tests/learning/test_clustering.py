@@ -86,8 +86,14 @@ def test_families_are_found_by_continuation_and_not_declared(monkeypatch, tmp_pa
     assert (labels.settings["components"], labels.settings["cuts"], labels.settings["merged"]) == (3, [], 0)
     assert labels.settings["thinnest_rejected_cut"] > labels.settings["width"]
     assert asked == [tmp_path]
-    cluster(samples, "continuation")
+    finer = cluster(samples, "continuation", k=5)
     assert asked[-1] is None
+    assert finer.k == 5
+    assert all(len(set(samples.mode[finer.values == part])) == 1 for part in range(5))
+    with pytest.raises(ValueError, match="k: got 2, but 3 families were found"):
+        cluster(samples, "continuation", k=2)
+    with pytest.raises(ValueError, match=r"k: expected a whole number in 1 … 400"):
+        cluster(samples, "continuation", k=401)
 
 
 def test_the_solves_of_a_database_are_kept_beside_it(monkeypatch, tmp_path):
@@ -102,8 +108,6 @@ def test_the_solves_of_a_database_are_kept_beside_it(monkeypatch, tmp_path):
 
 def test_wrong_arguments_are_named():
     samples = fake_samples(count=20)
-    with pytest.raises(ValueError, match="'k' is needed by k-means and not by 'continuation'"):
-        cluster(samples, "continuation", k=3)
     with pytest.raises(ValueError, match="did you mean 'kmeans'"):
         cluster(samples, "k-means", k=3)
     with pytest.raises(ValueError, match="'k' is needed"):

@@ -104,6 +104,17 @@ def test_parts_are_components_split_along_thin_cuts_the_largest_first():
     np.testing.assert_array_equal(whole.values, connected_components(graph)[1])
 
 
+def test_further_cuts_are_the_thinnest_ones_as_far_as_both_sides_are_large_enough():
+    pairs, count = joined_grids((6, 6), (6, 9), (6, 6))
+    graph, points = graph_of(pairs, count), places((6, 6), (6, 9), (6, 6))
+    assert [np.bincount(parts_of(graph, graph, points, 0.0, 5, least).values).tolist() for least in (1, 3)] == [
+        [126],
+        [54, 36, 36],
+    ]
+    assert parts_of(graph, graph, points, 0.0, 5, 4).values.max() == 3
+    assert parts_of(graph, graph, points, 0.0, 30, 9).values.max() == 2
+
+
 def test_small_pieces_go_to_the_part_that_supports_them_best_also_through_each_other():
     pairs = np.concatenate([grid(4, 5), grid(4, 4) + 20])
     graph, points = graph_of(pairs, 39), np.zeros((39, 1))

@@ -3,6 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from moe_policy.learning import recipes
+from moe_policy.learning.clustering import Labels
 from moe_policy.learning.recipes import FORMS, PRINCIPAL_COMPONENTS, make
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.nearest import NearestPlanner
@@ -39,6 +41,20 @@ def test_the_clusters_are_those_of_the_name():
     assert clusters["moe-custom"]["sizes"] == np.bincount(SAMPLES.mode).tolist()
     assert clusters["moe-kmeans-pca-3"]["settings"]["k"] == 3
     assert clusters["moe-kmeans-pca-3"]["settings"]["components"] == PRINCIPAL_COMPONENTS
+
+
+def test_the_families_of_moe_auto_are_those_that_continuation_finds(monkeypatch, tmp_path):
+    asked = []
+
+    def found(samples, method, *, k, kept):
+        asked.append((method, k, kept))
+        return Labels(SAMPLES.mode, ("family 0", "family 1", "family 2"), method)
+
+    monkeypatch.setattr(recipes, "cluster", found)
+    planners = [make(name, SAMPLES, settings=QUICK, kept=tmp_path) for name in ("moe-auto", "moe-auto-3")]
+    assert asked == [("continuation", None, tmp_path), ("continuation", 3, tmp_path)]
+    assert [planner.name for planner in planners] == ["moe-auto", "moe-auto-3"]
+    assert planners[0].details["clusters"]["method"] == "continuation"
 
 
 def test_joint_training_knows_no_clusters_and_retraining_begins_with_the_custom_mixture():
