@@ -24,6 +24,7 @@ from moe_policy.experiments.cluster_choice import CLUSTER_COLUMNS, ClusterChoice
 from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
 from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLUMNS
 from moe_policy.experiments.discretisation import Discretisation
+from moe_policy.experiments.families import FAMILY_COLUMNS, FamiliesTable
 from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
 from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, SummaryTable, TrainingTable, summary_columns
@@ -55,6 +56,7 @@ def summary(path: Path) -> str:
 TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("table_overview", None): table(OverviewTable, lambda record: record.rows, OVERVIEW_COLUMNS),
     ("table_summary", None): summary,
+    ("table_families", None): table(FamiliesTable, lambda record: record.rows, FAMILY_COLUMNS),
     ("table_training", None): table(TrainingTable, lambda record: record.rows, TRAINING_COLUMNS),
     ("compare", None): table(Comparison, lambda record: record.rows, COLUMNS),
     ("compare_training", None): table(TrainingComparison, lambda record: record.rows, TRAINING_COLUMNS),

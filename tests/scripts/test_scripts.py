@@ -120,6 +120,7 @@ NEEDING_DATA = [
     ("choose_tracking", "development"),
     ("compare_training", "training"),
     ("choose_clusters", "training"),
+    ("find_families", "training"),
     ("explain_failures", "training"),
     ("report_data", "training"),
 ]
@@ -364,6 +365,25 @@ def test_choose_clusters_goes_on(data, script, run, monkeypatch, tmp_path):
     monkeypatch.setattr(cluster_models, "train", None)
     run(module, *arguments)
     assert read(tmp_path / f"clusters_{PENDULUM.id}.json")["rows"] == record["rows"]
+
+
+def test_find_families_goes_on(data, script, run, tmp_path, capsys):
+    module = script("find_families")
+    (tmp_path / "data" / PENDULUM.id).mkdir(parents=True)
+    (tmp_path / "data" / PENDULUM.id / "training.zarr").symlink_to(data / PENDULUM.id / "training.zarr")
+    arguments = ("--data", tmp_path / "data", "--results", tmp_path, "--cases", 20, "--workers", 1)
+    run(module, *arguments)
+    record = read(tmp_path / f"families_{PENDULUM.id}.json")
+    assert record["samples"] == sum(row["instances"] for row in record["rows"]) <= 20
+    assert record["seconds"] > 0
+    assert (tmp_path / f"families_{PENDULUM.id}.png").stat().st_size > 10_000
+    run(module, *arguments)
+    again = read(tmp_path / f"families_{PENDULUM.id}.json")
+    assert again["seconds"] is None
+    assert again["rows"] == record["rows"]
+    with pytest.raises(SystemExit):
+        run(module, *arguments, "--over", "theta", "speed")
+    assert "has no parameters ['speed']; there are ['theta', 'omega']" in capsys.readouterr().err
 
 
 def test_numbers_of_clusters_must_be_declared(script, run, capsys):
