@@ -1,6 +1,7 @@
 """Objects that calculate give the same results in threads, as copies, as pickles and in forked processes."""
 
 import copy
+import dataclasses
 import multiprocessing
 import pickle
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +17,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.solvers.check import verify
 from ocp_envs.support.batch import BatchFunction
+from ocp_envs.support.pool import WorkerPool
 from tests.in_process import Solver
 from tests.plans import random_plan
 from tests.small_problems import DOUBLE_INTEGRATOR
@@ -151,6 +153,55 @@ def forked(call):
     finally:
         process.kill()
         process.join()
+
+
+def episodes():
+    policy = moe_policy.Stabiliser(PENDULUM)
+    return moe_policy.rollout(moe_policy.environments(PENDULUM, 2), policy, [[3.0, 0.0], [1.0, 0.0]], horizon=0.1)
+
+
+def solution():
+    modes = ocp_envs.Solutions.empty(PENDULUM, len(PENDULUM.modes))
+    return ocp_envs.Solution(np.array([1.0, 0.5]), modes, ocp_envs.Status.EMPTY, "nothing was tried")
+
+
+def arrays(value):
+    """All arrays of a result, those of its parts included."""
+    parts = [getattr(value, field.name) for field in dataclasses.fields(value)]
+    found = [part for part in parts if isinstance(part, np.ndarray)]
+    return [*found, *(array for part in parts if dataclasses.is_dataclass(part) for array in arrays(part))]
+
+
+@pytest.mark.parametrize("make", [episodes, solution, lambda: fake_samples(3).trajectory])
+def test_results_travel_between_processes(make):
+    result = make()
+    again = pickle.loads(pickle.dumps(result))
+    assert (type(again), repr(again)) == (type(result), repr(result))
+    assert len(arrays(result)) >= 3
+    for ours, theirs in zip(arrays(again), arrays(result), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="needs fork")
+def test_a_database_is_read_in_other_processes(tmp_path):
+    database = ocp_envs.Database.create(tmp_path / "d", DOUBLE_INTEGRATOR, [[1.0, 0.0], [2.0, 0.5]])
+    again = pickle.loads(pickle.dumps(database))
+    for read in (lambda: database.parameters, lambda: again.parameters, lambda: forked(lambda: database.parameters)):
+        np.testing.assert_array_equal(read(), [[1.0, 0.0], [2.0, 0.5]])
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="needs fork")
+def test_a_pool_serves_the_process_that_made_it_alone():
+    def refused():
+        with pytest.raises(RuntimeError, match="which made this pool; make a WorkerPool in each process"):
+            pool.submit(abs, -1)
+        pool.shutdown()
+        return True
+
+    with WorkerPool(1) as pool:
+        assert pool.submit(abs, -1).result(LIMIT) == 1
+        assert forked(refused)
+        assert pool.submit(abs, -2).result(LIMIT) == 2
 
 
 def test_a_problem_of_the_benchmark_is_itself_after_pickling_and_another_one_equal():

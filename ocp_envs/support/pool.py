@@ -59,6 +59,8 @@ class WorkerPool(Executor):
 
     As a context it ends after its tasks; where the block ends in an exception or an interrupt, it kills them.
 
+    It belongs to the process that made it: in a forked one, :meth:`submit` raises a ``RuntimeError``.
+
     Raises:
         ValueError: fewer than one worker.
     """
@@ -70,8 +72,14 @@ class WorkerPool(Executor):
         self._own = threading.local()
         self._workers: list[_Worker] = []
         self._closed = False
+        self._process = os.getpid()
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        if os.getpid() != self._process:  # its threads are not there, and the task would never begin
+            raise RuntimeError(
+                f"got a task from process {os.getpid()}, expected one from process {self._process}, which made this "
+                "pool; make a WorkerPool in each process"
+            )
         return cast("Future[T]", self._threads.submit(self._call, (fn, args, kwargs)))
 
     def _call(self, message: tuple[object, ...]) -> object:
@@ -100,6 +108,8 @@ class WorkerPool(Executor):
             wait: after their tasks; otherwise kill them now, and cancel their tasks.
             cancel_futures: drop the tasks that have not begun.
         """
+        if os.getpid() != self._process:
+            return  # the workers are those of the process that made the pool
         if not wait:
             self._kill()
         self._threads.shutdown(wait=True, cancel_futures=cancel_futures or not wait)
