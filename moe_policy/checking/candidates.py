@@ -9,7 +9,7 @@ import numpy as np
 from moe_policy.planners.margin import Margin, WithMargin
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import MixtureOfExperts
-from moe_policy.planners.owner import planned_problem
+from moe_policy.planners.owner import planned_problem, plans_of
 from moe_policy.protocols import Planner
 from ocp_envs.problems import ProblemOrId
 from ocp_envs.support.arrays import Array, Ints
@@ -86,9 +86,9 @@ class Candidates:
     def _plans(self, p: Array, source: Ints) -> Trajectory:
         """The plan of the planner ``source`` (B,) for each row of ``p``."""
         if len(p) and (source == source[0]).all():
-            return self.sources[source[0]](p)
+            return plans_of(self.sources[source[0]], p)
         flat = np.full((len(p), self.problem.flat_size), np.nan)
         for one in np.unique(source):
             rows = source == one
-            flat[rows] = self.sources[one](p[rows]).flat()
+            flat[rows] = plans_of(self.sources[one], p[rows]).flat()
         return self.problem.unflatten(flat)

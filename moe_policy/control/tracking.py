@@ -24,6 +24,7 @@ from moe_policy.control.projection import project
 from moe_policy.control.resampling import Resampler
 from moe_policy.control.watch import Watched
 from moe_policy.control.weights import TrackingWeights
+from moe_policy.planners.owner import plans_of
 from moe_policy.protocols import Planner, Schedule, State
 from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools, Ints
@@ -119,7 +120,7 @@ class TrackingPolicy(ModelPolicy):
         width = len(self.problem.parameters)
         if p.shape[1:] != (width,):
             raise ValueError(f"{self.problem.id}: expected parameters (B, {width}), got {np.shape(parameters)}")
-        return self.follow(self.planner(p), self.problem.start(p)[1])
+        return self.follow(plans_of(self.planner, p), self.problem.start(p)[1])
 
     def follow(self, plan: Trajectory, contexts: Array) -> Tracking:
         """The recurrent state before the first control step of the B plans in ``plan``, in ``contexts`` (B, nc)."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from moe_policy.planners.owner import plans_of
 from moe_policy.protocols import Planner
 from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.checks import check_number
@@ -63,4 +64,4 @@ class WithMargin:
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), in any turn, made for the parameters with the margin added."""
         within, turns = self.problem.in_one_turn(p)
-        return self.planner(within + self._shift).shifted(turns)
+        return plans_of(self.planner, within + self._shift).shifted(turns)

@@ -1,10 +1,12 @@
-"""Which problem a planner plans for."""
+"""Which problem a planner plans for, and its plans, checked: a planner may be any function."""
 
 from __future__ import annotations
 
 from moe_policy.protocols import Planner
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of
+from ocp_envs.support.arrays import Array
+from ocp_envs.trajectory import Trajectory
 
 
 def check_owner(problem: OptimalControlProblem, owner: object, what: str) -> None:
@@ -31,3 +33,20 @@ def planned_problem(planner: Planner, problem: ProblemOrId | None = None) -> Opt
     given = problem_of(problem)
     check_owner(given, own, "the planner")
     return given
+
+
+def plans_of(planner: Planner, parameters: Array) -> Trajectory:
+    """The plans of ``planner`` for ``parameters`` (B, np).
+
+    Raises:
+        TypeError: the planner returns something else than a Trajectory.
+        ValueError: it returns another number of plans.
+    """
+    plans: object = planner(parameters)
+    if not isinstance(plans, Trajectory):
+        raise TypeError(
+            f"expected a Trajectory of {len(parameters)} plans from {planner!r}, got {type(plans).__name__}"
+        )
+    if len(plans) != len(parameters):
+        raise ValueError(f"expected {len(parameters)} plans from {planner!r}, one for each row, got {len(plans)}")
+    return plans

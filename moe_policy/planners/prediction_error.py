@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.owner import plans_of
 from moe_policy.protocols import Planner
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.doors import checked
@@ -26,7 +27,7 @@ def validation_error(planner: Planner, parameters: ArrayLike, trajectories: Traj
     """Mean smooth-L1 error of the raw outputs of ``planner``, in mixed units, for ``parameters`` (B, np) against the B
     optimal ``trajectories``: the paper's "validation error"; NaN where a plan failed.
     """
-    return _smooth_l1(planner(np.array(parameters, dtype=np.float64, ndmin=2)).flat(), trajectories.flat())
+    return _smooth_l1(plans_of(planner, np.array(parameters, dtype=np.float64, ndmin=2)).flat(), trajectories.flat())
 
 
 def _smooth_l1(predicted: Array, optimal: Array) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from moe_policy.planners.owner import planned_problem
+from moe_policy.planners.owner import planned_problem, plans_of
 from moe_policy.protocols import Planner
 from ocp_envs.problems import ProblemOrId
 from ocp_envs.solvers.improvement import improve
@@ -67,5 +67,5 @@ class Repaired:
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), their angles in any turn."""
         within, turns = self.problem.in_one_turn(p)
-        plans = self.planner(within)
+        plans = plans_of(self.planner, within)
         return improve(self.problem, within, plans, self.iterations, self.margin).trajectory.shifted(turns)

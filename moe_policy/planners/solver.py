@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.planners.nearest import NearestPlanner
-from moe_policy.planners.owner import check_owner
+from moe_policy.planners.owner import check_owner, plans_of
 from moe_policy.protocols import Planner
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.feasibility import infeasible_rows
@@ -176,7 +176,7 @@ class SolverPlanner:
     def _predicted(self, p: Array) -> Iterator[_Attempts]:
         """The finite plans of the guessers."""
         for planner in self.guessers if len(p) else ():
-            plan = planner(p)
+            plan = plans_of(planner, p)
             row = np.flatnonzero(plan.finite)
             yield _Attempts(row, plan[row], np.full(len(row), NEAREST_WINDING))
 

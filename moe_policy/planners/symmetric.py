@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from moe_policy.planners.owner import plans_of
 from moe_policy.protocols import Planner
 from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools
@@ -45,7 +46,8 @@ class Symmetrised:
         mirrored, back = problem.in_one_turn(
             problem.parameters_of(symmetry.states(states), symmetry.contexts(contexts))
         )
-        plan, other = self.planner(parameters), symmetry.trajectories(self.planner(mirrored).shifted(back))
+        plan = plans_of(self.planner, parameters)
+        other = symmetry.trajectories(plans_of(self.planner, mirrored).shifted(back))
         apart = np.abs(plan.states - other.states) / problem.system.state.scale
         agree = apart.max(axis=(1, 2)) < AGREEMENT
         one = np.where(_comes_first(mirrored, parameters)[:, None], other.flat(), plan.flat())
