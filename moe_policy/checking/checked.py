@@ -83,9 +83,10 @@ class Checked:
     """Plans that are verified in the model, or none.
 
     Verified means: tracked by :class:`~moe_policy.control.tracking.TrackingPolicy` with the same ``dt`` and ``weights``
-    on a plant that is the model, the plan reaches the goal at its end, before any terminal regulation, and keeps the
-    operating box and the path constraints at all control steps and knots. Where no plan can be verified, the plan is
-    NaN: the planner abstains. :meth:`check` says how each plan was made and what is predicted of it.
+    on a plant that is the model, the plan reaches the goal at its end, before any terminal regulation, which then keeps
+    the state there; and the operating box and the path constraints are kept at all control steps and knots. Where no
+    plan can be verified, the plan is NaN: the planner abstains. :meth:`check` says how each plan was made and what is
+    predicted of it.
 
     Args:
         planner: where plans come from; of a mixture, several experts are tried.

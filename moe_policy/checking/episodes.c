@@ -1,4 +1,4 @@
-/* Tracked episodes up to the plan's end, as TrackingPolicy and the simulator run them, one after another.
+/* Tracked episodes, with terminal regulation where the plan succeeds, as TrackingPolicy and the simulator run them, one after another.
 
 Before this file stand the functions control_step(x, u, s) -> [next x], [cost, violation, reached, left the box] and, if
 NH > 0, clearances(x, s) -> [h] of CasADi, and the macros NX, NU, NC, NH and the sizes of the work vectors. */
@@ -83,25 +83,33 @@ static void control_at(const setting *s, const double *x, const double *referenc
   project(s, norm, u);
 }
 
-/* Episodes from x (rows, NX), which end there; of each row cost, final error, smallest clearance and left the box, (rows,
-4). References, controls, gains and norms have length control steps. */
-void run(long long rows, long long length, const long long *steps, double dt, double radius, double knots,
+/* One control step of a row from state, with the tracking arrays at the index at; next becomes the following state. */
+static void advance(const setting *s, const double *state, const double *context, const double *references,
+                    const double *controls, const double *gains, const double *norms, long long at, double *next,
+                    double *summary) {
+  double u[NU], work[CONTROL_STEP_W + 1];
+  control_at(s, state, references + at * NX, controls + at * NU, gains + at * NU * NX, norms + at * NU * NU, u);
+  const double *arguments[] = {state, u, context};
+  double *results[] = {next, summary};
+  control_step(arguments, results, 0, work, 0);
+}
+
+/* Episodes from x (rows, NX), which end there; of each row cost, error at the plan's end, smallest clearance, left the
+box, and stayed at the goal, (rows, 5). References, controls, gains and norms have length control steps, the last of them
+being that of terminal regulation. That is run up to the step evaluations where the plan ends at the goal, and is clear. */
+void run(long long rows, long long length, const long long *steps, const long long *evaluations, double dt, double radius, double knots,
          const double *goal, const double *period, const double *lower, const double *upper, double *x,
          const double *contexts, const double *references, const double *controls, const double *gains,
          const double *norms, const double *knot_step, double *out) {
   const setting s = {dt, radius, knots, goal, period, lower, upper};
   for (long long row = 0; row < rows; ++row) {
-    double *state = x + row * NX, *result = out + 4 * row, cost = 0, left = 0;
+    double *state = x + row * NX, *result = out + 5 * row, cost = 0, left = 0, next[NX], summary[4];
     const double *context = contexts + row * NC;
     double error = error_of(&s, state), clear = clearance_of(state, context);
     int entered = error < radius;
     for (long long step = 1; step <= steps[row] && !left; ++step) {
       const long long at = row * length + step - 1;
-      double u[NU], next[NX], summary[4], work[CONTROL_STEP_W + 1];
-      control_at(&s, state, references + at * NX, controls + at * NU, gains + at * NU * NX, norms + at * NU * NU, u);
-      const double *arguments[] = {state, u, context};
-      double *results[] = {next, summary};
-      control_step(arguments, results, 0, work, 0);
+      advance(&s, state, context, references, controls, gains, norms, at, next, summary);
       clear = fmin(clear, clearance_of(next, context));
       const double knot = floor(step * dt / knot_step[row] + 1e-9);
       const double fraction = knot * knot_step[row] / dt - (step - 1);
@@ -116,6 +124,14 @@ void run(long long rows, long long length, const long long *steps, double dt, do
       entered |= error < radius && !left;
       for (int i = 0; i < NX; ++i) state[i] = next[i];
     }
-    result[0] = cost; result[1] = error; result[2] = clear; result[3] = left;
+    result[0] = cost; result[1] = error;
+    for (long long step = steps[row]; step < evaluations[row] && !left && result[1] < radius && clear > 0; ++step) {
+      advance(&s, state, context, references, controls, gains, norms, (row + 1) * length - 1, next, summary);
+      clear = fmin(clear, clearance_of(next, context));
+      left = summary[3];
+      error = error_of(&s, next);
+      for (int i = 0; i < NX; ++i) state[i] = next[i];
+    }
+    result[2] = clear; result[3] = left; result[4] = error < radius;
   }
 }

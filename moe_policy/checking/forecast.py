@@ -1,4 +1,4 @@
-"""What the model says about a plan: its episode up to the plan's end, before any terminal regulation.
+"""What the model says about a plan: its episode up to the plan's end, and terminal regulation where it succeeds.
 
 The episode is that of :class:`~moe_policy.control.tracking.TrackingPolicy` in the environment: the same control steps,
 the same observations in single precision, the same criteria.
@@ -32,10 +32,11 @@ class Predicted(Batch):
         cost: ∫L dt up to the first entry into the goal ball; of the whole episode where there is none.
         final_error: ‖x − goal‖ at the plan's end.
         clearance: smallest clearance initially, at the ends of control steps and at the plan's knots, in the unit of
-            the path constraints; +inf without any.
+            the path constraints; +inf without any. Until the plan's end, and if the plan succeeds until the evaluation.
         left_box: the state left the operating box.
         rejected: the plan was not finite, or has no finite gains.
-        success: at the plan's end the state is in the goal ball, having kept all constraints.
+        success: at the plan's end the state is in the goal ball, before any terminal regulation; it is still there at
+            the evaluation; and all constraints are kept until then.
     """
 
     cost: Array
@@ -80,7 +81,8 @@ class Forecast:
         else:
             ended = run_compiled(program, problem, self.dt, states, contexts, tracking)
         clear = ended.clearance >= (SLACK if problem.n_clearances else -np.inf)
-        success = (ended.error < problem.goal.radius * (1 - SLACK)) & clear & ~ended.left_box & ~schedule.rejected
+        reached = (ended.error < problem.goal.radius * (1 - SLACK)) & ended.stayed
+        success = reached & clear & ~ended.left_box & ~schedule.rejected
         return Predicted(ended.cost, ended.error, ended.clearance, ended.left_box, schedule.rejected, success)
 
 

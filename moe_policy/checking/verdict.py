@@ -28,7 +28,8 @@ class Verdict:
     Args:
         how: how the plan was made.
         source: name of the planner whose plan it is, or was at first.
-        verified: in the model the tracked plan reaches the goal at its end and keeps all constraints on its way.
+        verified: in the model the tracked plan reaches the goal at its end, terminal regulation keeps the state there,
+            and all constraints are kept all the time.
         cost: predicted ∫L dt up to the first entry into the goal ball.
         clearance: smallest predicted clearance of the path constraints, in their unit; +inf without any.
         final_error: predicted ‖x − goal‖ at the plan's end.
@@ -86,4 +87,4 @@ def reason_of(problem: OptimalControlProblem, predicted: Predicted) -> str:
         reasons.append(f"the path comes as close to a constraint as {clearance:.3g}")
     if (error := predicted.final_error[0]) >= problem.goal.radius * (1 - SLACK):
         reasons.append(f"the plan ends {error:.3g} from the goal, whose radius is {problem.goal.radius:g}")
-    return " and ".join(reasons)
+    return " and ".join(reasons) or "terminal regulation does not keep the state at the goal"

@@ -29,7 +29,8 @@ def assert_forecast(problem, p, plans, **arguments):
     np.testing.assert_allclose(predicted.cost[early], episodes.cost[early], rtol=1e-9)
     assert (np.maximum(0.0, -predicted.clearance) <= np.fmax(episodes.violation, episodes.knot_violation) + 1e-12).all()
     clear = (episodes.violation == 0) & ~(episodes.knot_violation > 0)
-    np.testing.assert_array_equal(predicted.success, early & clear & ~predicted.left_box & ~predicted.rejected)
+    expected = early & episodes.success & clear & ~episodes.left_box & ~episodes.rejected
+    np.testing.assert_array_equal(predicted.success, expected)
     return predicted
 
 
@@ -96,3 +97,14 @@ def test_another_plant_is_simulated_where_it_is_named():
 def test_the_forecast_of_no_plans_is_empty():
     p = np.zeros((0, 2))
     assert len(Forecast(PENDULUM)(p, moe_policy.load(PENDULUM, "snn")(p))) == 0
+
+
+def test_terminal_regulation_must_keep_the_state_at_the_goal_and_clear():
+    """A plan that ends in the goal ball with some speed drifts on while it is regulated, here into a wall."""
+    p, held = np.array([[2.0, -0.1085], [2.0, -0.5]]), dataclasses.replace(WALLED_INTEGRATOR, hold=5.0)
+    plans = rest_planner(p)
+    late = plans.states.copy()
+    late[:, -1, 1], late[:, -2, 0], late[:, -2, 1] = -0.045, late[:, -2, 0] + 0.009, late[:, -2, 1] - 0.045
+    predicted = assert_forecast(held, p, dataclasses.replace(plans, states=late))
+    assert (predicted.final_error < held.goal.radius).all()
+    assert predicted.success.tolist() == [False, True]

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -63,6 +65,8 @@ def test_reasons_say_what_fails():
         "the state leaves its operating box",
         "there is no plan that is finite",
     ]
+    drifting = dataclasses.replace(predicted(CHEAP), success=np.array([False]), clearance=np.array([np.inf]))
+    assert reason_of(WALLED_INTEGRATOR, drifting) == "terminal regulation does not keep the state at the goal"
     both = (1.0, 0.5, -0.5, False, False)
     assert reason_of(WALLED_INTEGRATOR, predicted(both)).count(" and ") == 1
     touching = predicted((1.0, 0.0, 0.0, False, False))
