@@ -162,7 +162,11 @@ def fuzz(door: Door, examples: int) -> Count:
 
 @pytest.fixture(autouse=True, scope="module")
 def folder(tmp_path_factory):
-    use_folder(tmp_path_factory.mktemp("doors"))
+    """Whatever is written is in a temporary folder, relative paths included."""
+    path = tmp_path_factory.mktemp("doors")
+    use_folder(path)
+    with contextlib.chdir(path):
+        yield
 
 
 def some(door: Door, examples: int) -> Count:
