@@ -29,6 +29,7 @@ from ocp_envs.data.database import Database
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.support.arrays import Ints, frozen_array
 from ocp_envs.support.checks import check_kind, check_whole
+from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
 
 METHODS = ("custom", "kmeans", "kmeans-pca", "continuation")
@@ -86,6 +87,7 @@ class Labels:
         return np.bincount(self.values, minlength=self.k)
 
 
+@checked
 def cluster(
     database: Samples | SampleSource,
     method: str,
@@ -116,14 +118,12 @@ def cluster(
         TypeError: a number that is not whole.
         ValueError: an unknown method, numbers that it does not take or that are out of range, or unusable samples.
     """
-    check_kind("method", method, str)
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; {did_you_mean(method, METHODS)}known are {list(METHODS)}")
     if (method != "kmeans-pca") != (components is None):
         raise ValueError(f"'components' is needed by 'kmeans-pca' and by nothing else; got {method!r} and {components}")
     if method != "continuation" and (method == "custom") != (k is None):
         raise ValueError(f"'k' is needed by k-means and not by 'custom'; got method {method!r} and k = {k}")
-    check_whole("seed", seed, 0)
     check_whole("n_init", n_init)
     samples = samples_of(database)
     if method == "continuation":

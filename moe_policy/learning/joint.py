@@ -12,7 +12,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from types import NoneType
 from typing import cast
 
 from torch import Tensor
@@ -25,12 +24,14 @@ from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import DEFAULT, DEFAULT_ANNEALING, Annealing, TrainingSettings
 from moe_policy.planners.modules import MixtureModule, module_of
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.networks import ARGMAX, Argmax, Mixing, MixtureOfExperts, Softmax, check_mixing
+from moe_policy.planners.networks import ARGMAX, Argmax, Mixing, MixtureOfExperts, Softmax
 from moe_policy.planners.record import PartReport
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
-from ocp_envs.support.checks import check_kind, check_whole
+from ocp_envs.support.checks import check_whole
+from ocp_envs.support.doors import checked
 
 
+@checked
 def fit_mixture_jointly(
     database: Samples | SampleSource,
     k: int,
@@ -59,9 +60,6 @@ def fit_mixture_jointly(
         ValueError: k below 1, or unusable samples.
     """
     check_whole("k", k)
-    check_kind("annealing", annealing, Annealing)
-    check_kind("architecture", architecture, (Architecture, NoneType))
-    check_kind("name", name, str)
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     chosen = architecture or architecture_of(data.problem)
     gate = initial_network(layer_sizes(data.problem, chosen.gate, k), seed, GATE)
@@ -75,6 +73,7 @@ def fit_mixture_jointly(
     return data.planner(name, network, ARGMAX, [report], annealing=dataclasses.asdict(annealing))
 
 
+@checked
 def retrain(
     planner: NetworkPlanner,
     database: Samples | SampleSource,
@@ -101,9 +100,6 @@ def retrain(
         TypeError: a single network, or a mixing other than ``Argmax()`` and ``Softmax(ε)``.
         ValueError: samples of another problem, or unusable ones.
     """
-    check_mixing(mixing)
-    check_kind("planner", planner, NetworkPlanner)
-    check_kind("name", name, (str, NoneType))
     if not isinstance(planner.network, MixtureOfExperts):
         raise TypeError(f"only a mixture can be retrained; {planner.name} is a single network")
     problem = samples_of(database).problem

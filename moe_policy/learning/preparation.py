@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,6 @@ from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints, scratch
-from ocp_envs.support.checks import check_kind, check_whole
 from ocp_envs.support.provenance import peak_memory_gb
 
 #: Reads rows of an array that is too large to be held in double precision: rows → values (B, n).
@@ -76,13 +74,7 @@ class Prepared:
         """Split the samples of ``database`` as ``seed`` and ``settings`` say, and scale them by the ``scalers`` of
         inputs and outputs, by default those of the training split. The folder ``checkpoints`` is kept for the training.
         """
-        check_kind("settings", settings, TrainingSettings)
-        check_whole("seed", seed, 0)
-        if checkpoints is not None:
-            check_kind("checkpoints", checkpoints, (str, os.PathLike), "give a folder, or None to keep none")
-            checkpoints = Path(checkpoints)
-            if "\0" in str(checkpoints):
-                raise ValueError(f"checkpoints: expected a folder, got {str(checkpoints)!r}, which has a NUL")
+        checkpoints = None if checkpoints is None else Path(checkpoints)
         samples = samples_of(database)
         count = len(samples.parameters)
         split = Split.draw(count, settings.test_share, seed)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from types import NoneType
 
 from moe_policy.learning.architectures import Architecture, Hidden, architecture_of, layer_sizes
 from moe_policy.learning.clustering import Labels
@@ -19,12 +18,13 @@ from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import DEFAULT, TrainingSettings
 from moe_policy.planners.modules import MixtureModule
 from moe_policy.planners.network import NetworkPlanner
-from moe_policy.planners.networks import ARGMAX, Mixing, check_mixing
+from moe_policy.planners.networks import ARGMAX, Mixing
 from ocp_envs.data.samples import Samples, SampleSource
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.checks import check_kind, check_whole
+from ocp_envs.support.doors import checked
 
 
+@checked
 def fit_single(
     database: Samples | SampleSource,
     *,
@@ -50,7 +50,6 @@ def fit_single(
         FloatingPointError: the loss diverged.
         ValueError: sizes that do not fit the problem, or unusable samples.
     """
-    check_kind("name", name, str)
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     hidden = architecture_of(data.problem).single if sizes is None else _hidden(data.problem, sizes)
     network, report = data.regressor("single", hidden, FIRST_EXPERT).train()
@@ -58,9 +57,6 @@ def fit_single(
 
 
 def _hidden(problem: OptimalControlProblem, sizes: Sequence[int]) -> Hidden:
-    check_kind("sizes", sizes, (tuple, list), "give all layer sizes, such as (2, 50, 75)")
-    for size in sizes:
-        check_whole("each of sizes", size)
     hidden = tuple(sizes)[1:-1]
     if tuple(sizes) != layer_sizes(problem, hidden):
         first, last = layer_sizes(problem, ())
@@ -68,6 +64,7 @@ def _hidden(problem: OptimalControlProblem, sizes: Sequence[int]) -> Hidden:
     return hidden
 
 
+@checked
 def fit_mixture(
     database: Samples | SampleSource,
     labels: Labels,
@@ -99,11 +96,6 @@ def fit_mixture(
         TypeError: a mixing other than ``Argmax()`` and ``Softmax(ε)``, or labels of another type.
         ValueError: labels of other samples, a cluster without a training sample, or unusable samples.
     """
-    check_mixing(mixing)
-    check_kind("labels", labels, Labels, "make them with cluster(database, …)")
-    check_kind("architecture", architecture, (Architecture, NoneType))
-    check_kind("name", name, (str, NoneType))
-    check_kind("executor", executor, (Executor, NoneType))
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     parts = _decoupled(data, labels, architecture or architecture_of(data.problem))
     (gate, *experts), reports = zip(*train_parts(parts, executor))

@@ -110,7 +110,7 @@ def _kind(annotation: Any) -> Kind:
     if origin is type:
         return Kind("a class", lambda value: None if isinstance(value, type) else TypeError)
     if annotation is Path or origin is os.PathLike:
-        return Kind("a path without NUL", _path)
+        return Kind("str or PathLike", _path)
     cls = origin or annotation
     if not isinstance(cls, type) or cls is object:
         return _ANYTHING

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -20,8 +18,8 @@ def samples():
 
 
 @pytest.fixture(scope="module")
-def data(samples):
-    return Prepared.of(samples, SETTINGS, seed=1, checkpoints=Path("folder"))
+def data(samples, tmp_path_factory):
+    return Prepared.of(samples, SETTINGS, seed=1, checkpoints=tmp_path_factory.mktemp("folder"))
 
 
 def test_samples_are_standardised_in_single_precision(samples, data):
@@ -49,7 +47,7 @@ def test_a_regressor_learns_the_rows_of_its_split_alone(samples, data):
     assert (part.name, part.sizes, part.stream, part.seed) == ("expert 1", (2, 5, 75), 2, 1)
     assert len(part.examples.x) == (samples.mode == 1).sum()
     np.testing.assert_array_equal(part.examples.y[part.examples.split.training], data.examples.y[own.training])
-    assert part.checkpoint == Path("folder/expert-1.pt")
+    assert part.checkpoint == data.checkpoints / "expert-1.pt"
     assert data.regressor("single", (5,), 1).examples.x is data.examples.x
 
 

@@ -137,7 +137,7 @@ def test_patience_stops_and_the_best_weights_are_kept(samples):
         ({"settings": {"epochs": 3}}, "settings: expected TrainingSettings, got dict"),
         ({"seed": -1}, "seed: expected a whole number of at least 0, got -1"),
         ({"seed": 1.5}, "seed: expected a whole number"),
-        ({"checkpoints": 3}, "checkpoints: expected str or PathLike, got int 3; give a folder"),
+        ({"checkpoints": 3}, "checkpoints: expected str or PathLike or None, got int 3"),
     ],
 )
 def test_wrong_arguments_are_named(samples, arguments, match):
@@ -146,7 +146,7 @@ def test_wrong_arguments_are_named(samples, arguments, match):
 
 
 def test_labels_are_those_of_a_clustering(samples):
-    with pytest.raises(TypeError, match=r"labels: expected Labels, got ndarray .*; make them with cluster"):
+    with pytest.raises(TypeError, match=r"labels: expected Labels, got ndarray "):
         fit_mixture(samples, samples.mode, settings=QUICK)
 
 
