@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from moe_policy.experiments.budgets import Budgets
+from moe_policy.experiments.checking import PlannerChecks
 from moe_policy.experiments.cluster_choice import ClusterChoice
 from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
@@ -56,6 +57,7 @@ TYPES: dict[str, type[Record]] = {
     "compare_trained_*": Comparison,
     "compare_training_*": TrainingComparison,
     "margin_*": Margins,
+    "planners_checked_*": PlannerChecks,
     "sensitivity_*": Sensitivity,
     "stabiliser_*": Sensitivity,
     "table_overview.json": OverviewTable,
