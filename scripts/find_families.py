@@ -34,7 +34,7 @@ def main() -> None:
     began, before = time.perf_counter(), set(kept.glob("*.zarr"))
     found = continued(samples, kept, neighbours=NEIGHBOURS, workers=arguments.workers)
     seconds = time.perf_counter() - began if set(kept.glob("*.zarr")) > before else None
-    parts = families_of(found, problem.parameters, samples.parameters)
+    parts = families_of(samples, found)
     record = families(
         samples,
         found,

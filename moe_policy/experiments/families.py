@@ -52,6 +52,7 @@ class Families(Record):
     smallest: float  # the smallest part, as a fraction of all instances
     rows: tuple[Found, ...]  # the families, the largest first
     adjusted_rand_index: float  # agreement with the declared families; 1 for equal partitions
+    refined_index: float  # the same where families that are mainly of one declared family count as one
     components: tuple[int, ...]  # numbers of instances of the largest connected components
     pieces: int  # number of all connected components
     merged: int  # number of instances in pieces that are smaller than the smallest part
@@ -119,15 +120,17 @@ def families(
     agrees, joined, distance = continuation.agrees, continuation.joined, continuation.distance
     same = samples.mode[continuation.pairs[:, 0]] == samples.mode[continuation.pairs[:, 1]]
     solved, at = np.isfinite(distance), continuation.pairs[:, ::-1]
-    apart = distance[solved & ~agrees]
+    apart, rows = distance[solved & ~agrees], found(samples, parts)
+    mainly = np.array([samples.problem.modes.names.index(row.mainly) for row in rows])
     return Families(
         env_id=samples.problem.id,
         samples=len(samples),
         neighbours=NEIGHBOURS,
         width=WIDTH,
         smallest=SMALLEST,
-        rows=found(samples, parts),
+        rows=rows,
         adjusted_rand_index=float(adjusted_rand_score(samples.mode, parts.values)),
+        refined_index=float(adjusted_rand_score(samples.mode, mainly[parts.values])),
         components=parts.components[:10],
         pieces=len(parts.components),
         merged=parts.merged,
@@ -162,8 +165,9 @@ FAMILY_COLUMNS: tuple[Column[Families], ...] = (
     Column("families", lambda row: row.k),
     Column("their sizes", lambda row: ", ".join(f"{found.instances:,}" for found in row.rows)),
     Column("adjusted Rand index", lambda row: row.adjusted_rand_index if row.k > 1 else None, ".4f"),
+    Column("… up to refinement", lambda row: row.refined_index if row.k > 1 else None, ".4f"),
     Column("not as declared", lambda row: sum(found.others for found in row.rows), ","),
-    Column("width of cuts", lambda row: ", ".join(f"{cut.width:.3f}" for cut in row.accepted) or DASH),
+    Column("width of cuts", lambda row: ", ".join(f"{cut.width:.2g}" for cut in row.accepted) or DASH),
     Column("… of the best other cut", lambda row: thinnest(row.rejected), ".2f"),
     Column("pairs", lambda row: row.pairs, ","),
     Column("… not joined", lambda row: row.not_joined, ","),

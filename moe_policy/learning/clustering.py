@@ -146,7 +146,7 @@ def _by_continuation(samples: Samples, kept: Path | None, executor: Executor | N
     if k is not None:
         check_whole("k", k, 1, len(samples))
     found = continued(samples, kept, neighbours=NEIGHBOURS, executor=executor)
-    parts = families_of(found, samples.problem.parameters, samples.parameters, least=k or 1)
+    parts = families_of(samples, found, least=k or 1)
     if k is not None and (count := int(parts.values.max()) + 1) > k:
         raise ValueError(f"k: got {k}, but {count} families were found; expected at least {count}, or None for these")
     names = tuple(f"family {i}" for i in range(parts.values.max() + 1))

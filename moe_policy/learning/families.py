@@ -2,9 +2,15 @@
 
 The nodes of the graph are instances, its edges the pairs of neighbours whose optima lead to each other in both
 directions (:mod:`ocp_envs.data.continuation`). Its connected components are families, or several families that touch
-where the discontinuity ends; these are told apart by thin cuts (:mod:`moe_policy.learning.graph_cuts`). *Measured*: the
-cut between the vehicle's families that drive forwards and backwards has a width of 0.012; all other best cuts, of
-single families of the pendulum, the vehicle and the quadcopter, have 0.5 to 1. The threshold is between.
+where the discontinuity ends; these are told apart by thin cuts (:mod:`moe_policy.learning.graph_cuts`). There the
+optimum changes fast, and the cut belongs where it changes fastest. The graph that is cut has more edges, between each
+instance and its nearest neighbours in the same component, apart from pairs that continuation did not join: next to a
+discontinuity families may be as thin as the spacing of instances. With the steepness s = ‖Δz‖ / ‖Δp‖ of an edge (z
+standardised, p in box widths) relative to the median of joined pairs, its weight is 1 / (1 + s³).
+
+*Measured*: the cut between the vehicle's families that drive forwards and backwards has a width of 0.003, the one
+between the pendulum's swing-ups to the same final angle from the left and from the right 0.03; the best cuts of all
+other families have 0.4 or more. The threshold is between.
 """
 
 from __future__ import annotations
@@ -12,38 +18,80 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from moe_policy.learning.graph_cuts import Parts, parts_of, symmetric
+from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.continuation import Continuation
-from ocp_envs.support.arrays import Array
-from ocp_envs.system import Box
+from ocp_envs.data.neighbours import neighbour_pairs
+from ocp_envs.data.samples import Samples
+from ocp_envs.support.arrays import Array, Bools, Ints
 
 #: Neighbours of each instance, the width of a cut below which a part is split, and the smallest part, as a fraction of
 #: all instances: the instances of smaller pieces go to the part that they continue into best.
 NEIGHBOURS, WIDTH, SMALLEST = 8, 0.1, 0.01
+#: Nearest neighbours of each instance in the graph that is cut, and the least weight of an edge.
+_NEAR, _LEAST = 16, 1e-9
 #: Support of a pair that does not agree, relative to a solve that does.
 _ADJACENT = 1e-3
 
 
 def families_of(
+    samples: Samples,
     continuation: Continuation,
-    box: Box,
-    parameters: Array,
     *,
     least: int = 1,
     width: float = WIDTH,
     smallest: float = SMALLEST,
 ) -> Parts:
-    """The solution families of instances with ``parameters`` (M, np), by what ``continuation`` says of their pairs.
+    """The solution families of M ``samples``, by what ``continuation`` says of their pairs.
 
-    A part is split along a cut that is thinner than ``width``, every coordinate of p divided by the width of its
-    ``box``. Where fewer than ``least`` families are found, the thinnest of the other cuts split them further. Parts
-    have at least the fraction ``smallest`` of all instances.
+    A part is split along a cut that is thinner than ``width``, every coordinate of p divided by the width of its box.
+    Where fewer than ``least`` families are found, the thinnest of the other cuts split them further. Parts have at
+    least the fraction ``smallest`` of all instances.
     """
-    pairs, joined, count = continuation.pairs, continuation.joined, len(parameters)
-    graph = symmetric(pairs[joined], np.ones(int(joined.sum())), count)
+    pairs, joined, count = continuation.pairs, continuation.joined, len(samples)
     support = symmetric(pairs, continuation.agrees.sum(axis=1) + _ADJACENT, count)
-    return parts_of(graph, support, parameters / box.width, width, math.ceil(smallest * count), least)
+    points = samples.parameters / samples.problem.parameters.width
+    return parts_of(_graph(samples, pairs, joined), support, points, width, math.ceil(smallest * count), least)
+
+
+def _graph(samples: Samples, pairs: Ints, joined: Bools) -> csr_matrix:
+    """The graph that is cut, with the components of that of the ``pairs`` (E, 2) that are ``joined`` (E,)."""
+    count = len(samples)
+    component = connected_components(symmetric(pairs[joined], np.ones(int(joined.sum())), count), directed=False)[1]
+    near = neighbour_pairs(samples.problem.parameters, samples.parameters, _NEAR)
+    near = near[component[near[:, 0]] == component[near[:, 1]]]
+    number = np.array([count, 1])  # of a pair (i, j): i · count + j
+    near = near[~np.isin(near @ number, pairs[~joined] @ number)]
+    edges = np.stack(np.divmod(np.unique(np.concatenate([pairs[joined] @ number, near @ number])), count), axis=1)
+    if not len(edges):
+        return symmetric(edges, np.empty(0), count)
+    middle, steep = np.median(steepness(samples, pairs[joined])), steepness(samples, edges)
+    relative = steep / middle if middle > 0 else np.zeros(len(steep))
+    return symmetric(edges, np.maximum(1 / (1 + relative**3), _LEAST), count)
+
+
+def steepness(samples: Samples, pairs: Ints) -> Array:
+    """How fast the optimum changes between the ``pairs`` (E, 2) of ``samples``, ‖Δz‖ / ‖Δp‖, (E,).
+
+    Trajectories are standardised, and parameters divided by the widths of their box; +inf for copies of an instance
+    with other trajectories.
+    """
+
+    def flat(rows: Ints | slice) -> Array:
+        return samples.trajectory[rows].flat()
+
+    scaler, width = Standardizer.fit_blocks(lambda: map(flat, blocks(len(samples)))), samples.problem.parameters.width
+    found = np.zeros(len(pairs))
+    for rows in blocks(len(pairs)):
+        i, j = pairs[rows].T
+        change = np.linalg.norm(scaler.scale(flat(i)) - scaler.scale(flat(j)), axis=1)
+        step = np.linalg.norm((samples.parameters[i] - samples.parameters[j]) / width, axis=1)
+        with np.errstate(divide="ignore"):
+            found[rows] = np.divide(change, step, out=np.zeros(len(step)), where=change > 0)
+    return found
 
 
 def record(continuation: Continuation, parts: Parts) -> dict[str, object]:

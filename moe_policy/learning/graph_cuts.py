@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix, diags_array
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import ArpackNoConvergence, eigsh
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from ocp_envs.support.arrays import Array, Bools, Ints
 
@@ -98,26 +98,25 @@ def _fiedler(graph: csr_matrix, degree: Array) -> Array:
     normalised = scale @ graph @ scale
     if count <= _SMALL:
         return np.asarray(np.linalg.eigh(normalised.toarray())[1][:, -2] / root)
-    # The first eigenvector, √degree, is known: 1 is taken off its eigenvalue, and the spectrum is moved above 0.
+    # The first eigenvector, √degree, is known, and taken out: where a cut is thin the second eigenvalue is as large.
     first = root / np.linalg.norm(root)
+
+    def times(vector: Array) -> Array:
+        """The matrix with its spectrum moved to 0 … 2, applied to what is orthogonal to the first eigenvector."""
+        vector = vector.ravel() - first * (first @ vector.ravel())
+        product = normalised @ vector + vector
+        return product - first * (first @ product)
+
     start = np.random.default_rng(0).normal(size=count)
-    start -= first * (first @ start)
-    shifted = (normalised + diags_array(np.ones(count))).tocsr()
+    operator = LinearOperator((count, count), matvec=times, dtype=np.float64)
     try:
-        values, vectors = eigsh(shifted, k=2, which="LA", v0=start + first, tol=_TOLERANCE, maxiter=_ITERATIONS)
-        second = vectors[:, int(np.argmin(values))]
+        second = eigsh(operator, k=1, which="LA", v0=start, tol=_TOLERANCE, maxiter=_ITERATIONS)[1][:, 0]
     except ArpackNoConvergence:  # a second eigenvalue next to others: any vector of their space gives thin cuts
-        second = _iterated(shifted, first, start)
+        second = start
+        for _ in range(_ITERATIONS):
+            second = times(second)
+            second /= np.linalg.norm(second)
     return np.asarray(second / root)
-
-
-def _iterated(shifted: csr_matrix, first: Array, vector: Array) -> Array:
-    """A vector of the eigenspace below the ``first`` eigenvector, by power iterations from ``vector``."""
-    for _ in range(_ITERATIONS):
-        vector = shifted @ vector
-        vector -= first * (first @ vector)
-        vector /= np.linalg.norm(vector)
-    return vector
 
 
 def width_of(graph: csr_matrix, points: Array, side: Bools, conductance: float) -> float:

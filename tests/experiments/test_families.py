@@ -31,7 +31,7 @@ def of_different_modes(pairs):
 
 
 def record_of(continuation):
-    parts = families_of(continuation, BOX, SAMPLES.parameters)
+    parts = families_of(SAMPLES, continuation)
     return families(
         SAMPLES, continuation, parts, training_key="k", seconds=None, workers=2, provenance=provenance()
     ), parts
@@ -48,7 +48,18 @@ def test_families_that_are_the_declared_ones_have_the_index_one():
     assert (record.solves, record.iterations) == (2 * record.pairs, 14 * record.pairs)
     assert record.distance_joined < 1e-2 < record.distance_apart
     assert Families.from_json(record.to_json()) == record
+    assert record.refined_index == 1.0
     assert "| 1.0000 |" in markdown_table([record], FAMILY_COLUMNS)
+
+
+def test_a_family_that_is_split_further_is_told_apart_from_a_wrong_one():
+    """Half of the first mode by the speed, the others whole."""
+    upper = (SAMPLES.mode == 0) & (SAMPLES.parameters[:, 1] > 0)
+    part = np.where(upper, 3, SAMPLES.mode)
+    record, _ = record_of(continuing(lambda pairs: part[pairs[:, 0]] != part[pairs[:, 1]]))
+    assert record.k == 4
+    assert record.adjusted_rand_index < 0.95
+    assert record.refined_index == 1.0
 
 
 def test_instances_of_two_declared_families_in_one_that_was_found_are_counted():

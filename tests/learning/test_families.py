@@ -1,0 +1,58 @@
+"""Families of made-up continuations: where a part is split."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from moe_policy.learning.families import families_of, steepness
+from ocp_envs.data.continuation import Continuation
+from ocp_envs.data.neighbours import neighbour_pairs
+from ocp_envs.trajectory import Trajectory
+from tests.synthetic import fake_samples
+
+SAMPLES = fake_samples(count=400, modes=1)
+P = SAMPLES.parameters / SAMPLES.problem.parameters.width
+PAIRS = neighbour_pairs(SAMPLES.problem.parameters, SAMPLES.parameters, 8)
+ALL = Continuation(PAIRS, *(np.zeros((len(PAIRS), 2), kind) for kind in (np.float32, np.float32, np.int32)))
+
+
+def with_values(values):
+    """The samples with flat trajectories that all have the entries ``values`` (M,)."""
+    flat = np.repeat(values[:, None], SAMPLES.problem.flat_size, axis=1)
+    return dataclasses.replace(SAMPLES, trajectory=Trajectory.from_flat(flat, SAMPLES.problem.knots, 2, 1))
+
+
+def test_the_steepness_of_a_linear_map_is_its_slope_along_the_step():
+    samples = with_values(5 * P[:, 0])
+    step = P[PAIRS[:, 0]] - P[PAIRS[:, 1]]
+    expected = np.abs(step[:, 0]) / np.linalg.norm(step, axis=1) / P[:, 0].std() * np.sqrt(75)
+    np.testing.assert_allclose(steepness(samples, PAIRS), expected, rtol=1e-9)
+
+
+def test_copies_of_an_instance_are_flat_or_infinitely_steep():
+    values = np.arange(400.0)
+    values[2] = values[1]
+    samples = with_values(values)
+    samples = dataclasses.replace(samples, parameters=np.where(np.arange(400)[:, None] < 3, P[0], P))
+    assert steepness(samples, np.array([[1, 2], [0, 1]])).tolist() == [0.0, np.inf]
+
+
+def test_a_family_is_not_split_where_the_optimum_changes_evenly():
+    for values in (P[:, 0], P[:, 0] + P[:, 1] ** 2, np.zeros(400)):
+        assert families_of(with_values(values), ALL).values.max() == 0
+
+
+@pytest.mark.parametrize("border", [0.4, 0.5, 0.7])
+def test_a_family_is_split_exactly_where_the_optimum_changes_fast(border):
+    """All neighbours continue into each other, also across the border, and it need not be in the middle."""
+    above = P[:, 0] > border
+    parts = families_of(with_values(P[:, 0] + 3 * above), ALL)
+    assert parts.values.max() == 1
+    assert len({*zip(parts.values.tolist(), above.tolist())}) == 2
+    assert parts.accepted[0].width < 0.01 < 0.1 < parts.rejected[0].width
+
+
+def test_a_family_that_bends_fast_in_one_place_is_split_into_as_many_parts_as_wanted():
+    samples = with_values(P[:, 0])
+    assert [int(families_of(samples, ALL, least=least).values.max()) + 1 for least in (1, 2, 5)] == [1, 2, 5]
