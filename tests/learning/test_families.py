@@ -1,14 +1,24 @@
-"""Families of made-up continuations: where a part is split."""
+"""Families of made-up continuations: where a part is split; and of two small problems that are solved."""
 
+import contextlib
 import dataclasses
+import threading
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from moe_policy.learning.clustering import cluster
 from moe_policy.learning.families import families_of, steepness
+from ocp_envs.data import continuation, generation, worker
 from ocp_envs.data.continuation import Continuation
 from ocp_envs.data.neighbours import neighbour_pairs
+from ocp_envs.data.settings import GenerationSettings
+from ocp_envs.sets.sampling import sample
 from ocp_envs.trajectory import Trajectory
+from tests.data.running import InProcess
+from tests.in_process import Solver
+from tests.small_problems import LINEAR_QUADRATIC, TURN
 from tests.synthetic import fake_samples
 
 SAMPLES = fake_samples(count=400, modes=1)
@@ -56,3 +66,30 @@ def test_a_family_is_split_exactly_where_the_optimum_changes_fast(border):
 def test_a_family_that_bends_fast_in_one_place_is_split_into_as_many_parts_as_wanted():
     samples = with_values(P[:, 0])
     assert [int(families_of(samples, ALL, least=least).values.max()) + 1 for least in (1, 2, 5)] == [1, 2, 5]
+
+
+def labels_of(problem, folder, monkeypatch):
+    """A database of ``problem``, and the families that are found in it."""
+    monkeypatch.setenv("PATH", "")  # no compiler
+    monkeypatch.setattr(worker, "GuardedSolver", Solver)
+    monkeypatch.setattr(worker, "KEPT", threading.local())
+    for module in (generation, continuation):  # there it compiles only
+        monkeypatch.setattr(module, "GuardedSolver", lambda *_: contextlib.nullcontext(Mock()))
+    settings = GenerationSettings(first=60, chunk=60, starts=1)
+    p, executor = sample(problem, 7, 60), InProcess()
+    database = generation.generate(problem, folder / "training.zarr", p, executor=executor, settings=settings)
+    return database.samples(), cluster(database, "continuation", executor=executor)
+
+
+def test_turning_left_and_right_are_found_without_being_declared(tmp_path, monkeypatch):
+    samples, labels = labels_of(TURN, tmp_path, monkeypatch)
+    assert len(samples.problem.modes) == 1
+    left = samples.trajectory.states[:, -1, 0] < 0
+    assert labels.k == 2
+    assert len({*zip(labels.values.tolist(), left.tolist())}) == 2
+    assert len(list((tmp_path / "training.continuation").glob("*.zarr"))) == 1
+
+
+def test_a_linear_quadratic_problem_has_one_family(tmp_path, monkeypatch):
+    _, labels = labels_of(LINEAR_QUADRATIC, tmp_path, monkeypatch)
+    assert labels.k == 1
