@@ -31,11 +31,12 @@ def main() -> None:
     database = cli.database(arguments, "training")
     samples = database.samples(database.first(benchmark.training.instances))
     settings, seed = benchmark.training.settings, arguments.seed
+    kept = arguments.data / problem.id / "training.continuation"
     with WorkerPool(arguments.workers) as pool:
         for name in arguments.names or ("nearest", *benchmark.planners.trained):
             began = time.perf_counter()
             chosen = samples[: benchmark.planners.stored] if name == "nearest" else samples
-            planner = recipes.make(name, chosen, settings=settings, seed=seed, executor=pool)
+            planner = recipes.make(name, chosen, settings=settings, seed=seed, executor=pool, kept=kept)
             planner.save(arguments.models / problem.id / name)
             cli.say(f"{name}: {len(chosen)} samples, {time.perf_counter() - began:.1f} s")
 

@@ -75,7 +75,8 @@ def make(
         database: a Database or its samples.
         settings: how networks are trained.
         seed: of clustering and training.
-        executor: trains the networks of a mixture in parallel; by default they are trained one after the other.
+        executor: trains the networks of a mixture in parallel, and solves for continuation; by default they are trained
+            one after the other.
         checkpoints: folder of its checkpoints, as in :func:`~moe_policy.fit_single`.
         kept: folder in which continuation keeps its solves, as in :func:`~moe_policy.cluster`.
 
@@ -97,7 +98,7 @@ def make(
         return fit_mixture(database, labels, executor=executor, **how)
     if found := re.fullmatch(r"moe-auto(?:-(\d+))?", name):
         k = None if found[1] is None else int(found[1])
-        labels = cluster(database, "continuation", k=k, kept=kept)
+        labels = cluster(database, "continuation", k=k, kept=kept, executor=executor)
         return fit_mixture(database, labels, executor=executor, name=name, **how)
     if name == "moe-random":
         return fit_mixture_jointly(database, cluster(database, "custom").k, **how)

@@ -46,7 +46,7 @@ def test_the_clusters_are_those_of_the_name():
 def test_the_families_of_moe_auto_are_those_that_continuation_finds(monkeypatch, tmp_path):
     asked = []
 
-    def found(samples, method, *, k, kept):
+    def found(samples, method, *, k, kept, executor):
         asked.append((method, k, kept))
         return Labels(SAMPLES.mode, ("family 0", "family 1", "family 2"), method)
 
