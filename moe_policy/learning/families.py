@@ -8,7 +8,7 @@ instance and its nearest neighbours in the same component, apart from pairs that
 discontinuity families may be as thin as the spacing of instances. With the steepness s = ‖Δz‖ / ‖Δp‖ of an edge (z
 standardised, p in box widths) relative to the median of joined pairs, its weight is 1 / (1 + s³).
 
-*Measured*: the cut between the vehicle's families that drive forwards and backwards has a width of 0.003, the one
+*Measured*: the cut between the vehicle's families that drive forwards and backwards has a width of 0.001, the one
 between the pendulum's swing-ups to the same final angle from the left and from the right 0.03; the best cuts of all
 other families have 0.4 or more. The threshold is between.
 """

@@ -6,7 +6,7 @@ trajectory at p_j; the *distance* is how far this is from the stored optimum of 
     d = max( max_k ‖x_k − x_k*‖_∞ , |t_f − t_f*| / t_max )
 
 with states divided by their scales. It is small where the optimum depends continuously on p between the two.
-*Measured* with eight neighbours, d is below 1e-3 or above 0.4 on the pendulum, the vehicle and both quadcopters, and
+*Measured* with eight neighbours, d is below 1e-3 or above 0.15 on the pendulum, the vehicle and both quadcopters, and
 nothing lies between. The *excess* is how much more the trajectory costs, (J − J*) / |J*|: below zero, the stored one is
 not the optimum. It does not decide, since at a discontinuity both families cost the same.
 
