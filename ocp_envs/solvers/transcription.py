@@ -192,14 +192,16 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
 def _cost_scale(problem: OptimalControlProblem) -> float:
     """The power of 100 that brings a typical cost of ``problem`` to between 1 and 100.
 
-    Typical is the median of the cost rate, at the points at which a declaration is tried, over half the longest
-    duration.
+    Typical is the median of the cost rate at initial states with the goal's control, or in the box where it is zero
+    there, over half the longest duration.
     """
-    rates = [problem.batch_rate()(at.states, at.controls, at.contexts)[1] for at in points_of(problem)]
-    rate = np.abs(np.concatenate(rates))
-    usable = rate[np.isfinite(rate) & (rate > 0)]
-    typical = (np.median(usable) if len(usable) else 0.0) * problem.duration[1] / 2
-    return float(100.0 ** np.floor(np.log10(typical) / 2)) if typical > 0 else 1.0
+    _, at_starts, in_box = points_of(problem)
+    for at in (at_starts, in_box):
+        rate = np.abs(problem.batch_rate()(at.states, at.controls, at.contexts)[1])
+        usable = rate[np.isfinite(rate) & (rate > 0)]
+        if len(usable):
+            return float(100.0 ** np.floor(np.log10(np.median(usable) * problem.duration[1] / 2) / 2))
+    return 1.0
 
 
 def _interval(problem: OptimalControlProblem, step_scale: float, cost_scale: float) -> ca.Function:

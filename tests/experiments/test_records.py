@@ -14,6 +14,7 @@ from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.failures import Diagnosis
+from moe_policy.experiments.families import Families, FamiliesTable
 from moe_policy.experiments.generation import Generation, HardSets, StartTables
 from moe_policy.experiments.interruptions import Interruptions
 from moe_policy.experiments.latency import Latency
@@ -42,6 +43,7 @@ TYPES: dict[str, type[Record]] = {
     "data_[GPQ]*": DataReport,
     "discretisation_*": Discretisation,
     "failures_*": Diagnosis,
+    "families_*": Families,
     "budgets_*": Budgets,
     "robustness_*": Robustness,
     "compare_splits_*": SplitComparison,
@@ -60,6 +62,7 @@ TYPES: dict[str, type[Record]] = {
     "planners_checked_*": PlannerChecks,
     "sensitivity_*": Sensitivity,
     "stabiliser_*": Sensitivity,
+    "table_families.json": FamiliesTable,
     "table_overview.json": OverviewTable,
     "table_summary.json": SummaryTable,
     "table_training.json": TrainingTable,

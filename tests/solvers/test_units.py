@@ -86,3 +86,11 @@ def test_usual_costs_are_not_scaled():
     assert transcribe(DOUBLE_INTEGRATOR).cost_scale == 1.0
     tiny = dataclasses.replace(DOUBLE_INTEGRATOR, cost_rate=lambda x, u, s, c: 1e-6 * (1 + u[0] ** 2 / 2))
     assert transcribe(tiny).cost_scale == 1e-6
+
+
+def test_the_scale_does_not_depend_on_how_strong_the_actuators_are():
+    system = DOUBLE_INTEGRATOR.system
+    strong = dataclasses.replace(
+        system, control=Box((dataclasses.replace(system.control.coordinates[0], lower=-1e3, upper=1e3),))
+    )
+    assert transcribe(dataclasses.replace(DOUBLE_INTEGRATOR, system=strong)).cost_scale == 1.0
