@@ -3,8 +3,8 @@
     python scripts/benchmark_env.py            # writes benchmark_env.json
 
 Every value is the best of several repetitions, in this process and on one core. The aim, at 4,096 environments, is
-12,000,000 steps per second of the pendulum, 8,000,000 of the vehicle and 1,800,000 of the quadcopters, and a single step
-that takes at most twice as long as one of Pendulum-v1.
+12,000,000 steps per second of the pendulum, 8,000,000 of the vehicle and 1,800,000 of the quadcopters, and a single
+step that takes at most twice as long as one of Pendulum-v1.
 
 The record also compares one to four Runge-Kutta steps in a control step: their rate, and their error against SciPy's
 DOP853, from random states under random controls in the whole operating box and in its middle two thirds; and compiled
