@@ -162,14 +162,14 @@ class Checked:
 
         if len(rows := failing()):
             new, margin[rows] = repaired(self._forecast, self.model, p[rows], best[rows], self.repair)
-            best = _put(best, rows, new)
+            best = best.replaced_at(rows, new)
             watch.spent_on(rows)
         if len(rows := failing()):
             guesses = [plan[rows] for plan in plans]
             if self.nearest is not None:
                 guesses.append(self.nearest(p[rows]))
             new = solved(self._forecast, self.model, p[rows], guesses, margin[rows], best[rows])
-            best = _put(best, rows, new)
+            best = best.replaced_at(rows, new)
             watch.spent_on(rows)
         return self._judged(best, hopeless, watch.milliseconds)
 
@@ -208,9 +208,3 @@ class _Watch:
         now = time.perf_counter()
         self.milliseconds[rows] += 1e3 * (now - self._last) / max(len(rows), 1)
         self._last = now
-
-
-def _put(selected: Selected, rows: Ints, new: Selected) -> Selected:
-    mask = np.zeros(len(selected), dtype=bool)
-    mask[rows] = True
-    return selected.replaced(mask, new)

@@ -74,7 +74,7 @@ def repaired(
         if not len(rows):
             break
         p = parameters[rows]
-        plan = _put(plan, rows, improve(model, p, plan[rows], repair.iterations, margin[rows]).trajectory)
+        plan = plan.replaced_at(rows, improve(model, p, plan[rows], repair.iterations, margin[rows]).trajectory)
         predicted = forecast(p, plan[rows])
         new = Selected(plan[rows], predicted, np.full(len(rows), HOW.index("repaired")), best.source[rows])
         best = best.improved(rows, new, radius)
@@ -90,12 +90,6 @@ def _growth(model: OptimalControlProblem, parameters: Array, plan: Trajectory, c
     depth = np.where(np.isfinite(clearance), np.maximum(-clearance, 0.0), 0.0)
     settled = path_violation(model, plan, model.start(parameters)[1]) < _SETTLED
     return np.where(settled & (depth > 0), np.maximum(_FACTOR * depth, _LEAST), 0.0)
-
-
-def _put(plan: Trajectory, rows: Ints, new: Trajectory) -> Trajectory:
-    mask = np.zeros(len(plan), dtype=bool)
-    mask[rows] = True
-    return plan.replaced(mask, new)
 
 
 def solved(

@@ -35,10 +35,7 @@ class Selected(Batch):
         """
         old = self[rows]
         wins = better(new.predicted, old.predicted, radius)
-        mask = np.zeros(len(self), dtype=bool)
-        mask[rows[wins]] = True
-        order = np.argsort(rows[wins])
-        return self.replaced(mask, new[np.flatnonzero(wins)[order]])
+        return self.replaced_at(rows[wins], new[np.flatnonzero(wins)])
 
 
 def deficit(predicted: Predicted, radius: float) -> Array:

@@ -2,8 +2,7 @@
 
 The program couples intervals linearly, so that its Lagrangian λ_f f + λᵀg has one block of second derivatives for each
 stage, and its constraints one block of first derivatives for each interval. CasADi derives both in directions that it
-finds for the whole program. Written out for one interval and compiled as kernels, they take a tenth of the time on a
-quadcopter.
+finds for the whole program, at many times the arithmetic of those that are written out for one interval.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ocp_envs.support.arrays import Bools
+from ocp_envs.support.arrays import Bools, Ints
 
 #: What selects rows: an integer, a slice, a mask or an array of integers.
 Rows = int | np.integer | slice | Bools | NDArray[np.integer]
@@ -65,6 +65,12 @@ class Batch:
         """This batch with the elements of the mask ``rows`` (B,) taken from ``new``, in order."""
         given = new._columns()
         return replace(self, **{name: _put(column, rows, given[name]) for name, column in self._columns().items()})
+
+    def replaced_at(self, rows: Ints, new: Self) -> Self:
+        """This batch with the elements at the different ``rows`` (M,) taken from ``new``, M of them in that order."""
+        mask = np.zeros(len(self), dtype=bool)
+        mask[rows] = True
+        return self.replaced(mask, new[np.argsort(rows)])
 
     @classmethod
     def concatenate(cls, parts: Sequence[Self]) -> Self:
