@@ -1,6 +1,8 @@
 from ocp_envs.data.database import Database as Database
 from ocp_envs.data.generation import generate as generate
 from ocp_envs.data.layout import StoredRows as StoredRows
+from ocp_envs.data.many import Optima as Optima
+from ocp_envs.data.many import solve_many as solve_many
 from ocp_envs.data.samples import Samples as Samples
 from ocp_envs.data.samples import SampleSource as SampleSource
 from ocp_envs.data.settings import GenerationSettings as GenerationSettings
@@ -40,9 +42,9 @@ from ocp_envs.sets.sampling import grid as grid
 from ocp_envs.sets.sampling import sample as sample
 from ocp_envs.solvers.nlp import SolverSettings as SolverSettings
 from ocp_envs.solvers.nlp import Status as Status
+from ocp_envs.solvers.optimum import Solution as Solution
+from ocp_envs.solvers.optimum import solve as solve
 from ocp_envs.solvers.solutions import Solutions as Solutions
-from ocp_envs.solvers.solver import Solution as Solution
-from ocp_envs.solvers.solver import solve as solve
 from ocp_envs.support.batch import BatchFunction as BatchFunction
 from ocp_envs.support.batch import BoundFunction as BoundFunction
 from ocp_envs.support.batch import Linearisation as Linearisation

@@ -98,6 +98,7 @@ CALLS: dict[str, dict[str, Callable[[], Any]]] = {
     "rollout": {"horizon": lambda: 0.1},
     "sample": {"seed": lambda: 1, "n": lambda: 2},
     "solve": {"p": lambda: [3.1, 0.1], "starts": lambda: 1},
+    "solve_many": {"p": lambda: [[3.1, 0.1]], "starts": lambda: 1},
     "train": {"settings": sac, "development": lambda: P},
     "winding_modes": {"names": lambda: ("left", "middle", "right")},
 }

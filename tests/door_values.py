@@ -126,6 +126,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "MixtureOfExperts": lambda: planner().network,
     "Modes": lambda: PENDULUM.modes,
     "NetworkPlanner": planner,
+    "Optima": lambda: ocp_envs.Optima(PENDULUM, [ocp_envs.Solution(P[0], solutions(), Status.EMPTY)]),
     "OptimalControlProblem": lambda: DOUBLE_INTEGRATOR,
     "Parametrisation": lambda: ocp_envs.Parametrisation("a", PENDULUM.parameters, PENDULUM.system.state, np.zeros(2)),
     "PartReport": part,

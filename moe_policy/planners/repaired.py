@@ -19,7 +19,7 @@ from ocp_envs.trajectory import Trajectory
 
 
 class Repaired:
-    """Plans of ``planner``, each improved by the solver.
+    """Plans of ``planner``, each improved by the solver: by default one whole solve that begins at the plan.
 
     Every repaired plan begins at the initial state of its instance. Where the solver breaks down on a plan, the plan
     stays as it was; a plan that is not finite stays so. The solver runs in a process that this one keeps; threads that

@@ -73,7 +73,8 @@ class SolverPlanner:
     ``guessers``, and from ``random_guesses`` random guesses for each winding of the goal. An instance that no guess
     solves is tried a second time, from the same guesses and a straight line, and with the fallback solver where the
     primary one does not converge. Guesses depend on the seed and on p alone, so that a plan does not depend on its
-    batch.
+    batch. :class:`~moe_policy.planners.repaired.Repaired` makes one solve from the plan of one planner instead, and
+    keeps the plan where that fails.
 
     Args:
         problem: what to solve.
@@ -212,7 +213,8 @@ def _nearest(problem: OptimalControlProblem, database: Samples | SampleSource) -
     if callable(database) and not hasattr(database, "samples"):
         raise TypeError(
             f"expected a Database, its samples or a NearestPlanner as database, got {type(database).__name__}; "
-            "give a planner whose plans are guesses as guessers=(planner,)"
+            "give a planner whose plans are guesses as guessers=(planner,), or take Repaired(planner) for one solve "
+            "from its plan"
         )
     samples = samples_of(database)
     check_owner(problem, samples.problem, "the database")

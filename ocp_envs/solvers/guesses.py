@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,6 +18,8 @@ from ocp_envs.trajectory import Trajectory
 #: with half a sine wave added to every coordinate, whose height is normally distributed with a standard deviation of
 #: two scales, to pass an obstacle on all sides.
 GuessKind = Literal["line", "rollout", "drift", "bend"]
+#: Guesses of B instances: B trajectories, several times B, or what makes them from parameters (B, np), as planners do.
+Guess = Trajectory | Sequence[Trajectory] | Callable[[Array], Trajectory]
 #: Instead of an index into ``problem.targets``: the winding whose target is nearest to the end of the guess.
 NEAREST_WINDING = -1
 _BEND = 2.0
@@ -66,6 +69,32 @@ def guesses(
     if kind == "drift":
         states = _drifted(problem, states, targets)
     return Trajectory(states, controls, duration)
+
+
+def guesses_of(problem: OptimalControlProblem, given: Array, guess: Guess | None, name: str) -> list[Trajectory]:
+    """The trajectories of the argument ``guess``, called ``name``, for instances of ``problem``.
+
+    The instances have the parameters ``given`` (B, np), in the turns in which they were written.
+
+    Raises:
+        TypeError: something else than trajectories.
+        ValueError: none, or trajectories of another problem or of another number of instances.
+    """
+    if guess is None:
+        return []
+    made = guess(given) if callable(guess) and not isinstance(guess, type) else guess
+    every = [made] if isinstance(made, Trajectory) else made
+    if not isinstance(every, Sequence) or not all(isinstance(each, Trajectory) for each in every):
+        raise TypeError(f"{name}: expected trajectories, or a function that returns some; got {made!r:.80}")
+    size, system, knots = len(given), problem.system, problem.knots
+    expected = (size, knots, system.nx), (size, knots - 1, system.nu)
+    for each in every:
+        if (each.states.shape, each.controls.shape) != expected:
+            raise ValueError(
+                f"{name}: expected states {expected[0]} and controls {expected[1]}, a trajectory of {problem.id} for "
+                f"each of {size} instances; got {each.states.shape} and {each.controls.shape}"
+            )
+    return list(every)
 
 
 def bends_of(

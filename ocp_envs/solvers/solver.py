@@ -1,34 +1,25 @@
-"""Solving batches of problem instances, and the best known optimum of one instance."""
+"""Solving batches of problem instances in a child process."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.solvers.guard import Guard
-from ocp_envs.solvers.guesses import bends_of, guesses, random_kind
 from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
-from ocp_envs.solvers.reasons import not_finite, worst_violation
-from ocp_envs.solvers.solutions import Solutions, best_per_mode, collect, make_tasks
+from ocp_envs.solvers.solutions import Solutions, collect, make_tasks
 from ocp_envs.solvers.transcription import Transcription, transcribe
 from ocp_envs.support.arrays import Array
-from ocp_envs.support.checks import check_whole
-from ocp_envs.support.doors import checked
 from ocp_envs.support.sharing import Loans, ProcessLock
 from ocp_envs.trajectory import Trajectory
 
 DEFAULT_SOLVER = SolverSettings()
-#: Guesses of one solve for each winding.
-_MOST_STARTS = 1000
 #: Where many guesses are tried, one that hangs is given up soon.
 OF_MANY_GUESSES = SolverSettings(hang_floor=0.3, hang_factor=10.0)
 
@@ -156,44 +147,6 @@ class GuardedSolver:
         return Attempts(collect(*instances, results), ends)
 
 
-@checked
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """The best known optimum of the instance with ``parameters`` (np,), and the best trajectory of every family.
-
-    Trajectories begin in the turn in which the angles of ``parameters`` are written. Families are those of the same
-    instance in the turn around the centre of the parameter box: their windings count from there. In ``modes`` each
-    solution family of the problem has a row, EMPTY where no trajectory was found. The ``status`` is SOLVED where any
-    family was found, otherwise how the last solve from a line failed; then the ``reason`` says in a sentence which
-    constraint is violated, at which knot and by how much, or which function is not finite.
-    """
-
-    parameters: Array
-    modes: Solutions
-    status: Status
-    reason: str = ""
-
-    def __repr__(self) -> str:
-        found = f"cost {self.cost:.6g}, mode {self.mode}" if self.mode is not None else "no trajectory"
-        parameters = np.array2string(self.parameters, precision=4, separator=", ")
-        return f"<Solution of {parameters}: {self.status.name}, {found}, of {len(self.modes)} solution families>"
-
-    @property
-    def mode(self) -> int | None:
-        """The solution family of the best optimum; ``None`` where nothing was found."""
-        return int(self.modes.cost.argmin()) if self.status == Status.SOLVED else None
-
-    @property
-    def cost(self) -> float:
-        """The lowest cost found; +inf where nothing was found."""
-        return float(self.modes.cost.min())
-
-    @property
-    def trajectory(self) -> Trajectory:
-        """The best trajectory, a batch of one; NaN where nothing was found."""
-        return self.modes.trajectory[self.mode or 0]
-
-
 @lru_cache(maxsize=8)
 def _solvers(problem: OptimalControlProblem, settings: SolverSettings, process: int) -> Loans[GuardedSolver]:
     """The solvers of ``problem`` with ``settings`` in the process with that id, at most one for each core."""
@@ -203,74 +156,3 @@ def _solvers(problem: OptimalControlProblem, settings: SolverSettings, process: 
 def lent_solvers(problem: OptimalControlProblem, settings: SolverSettings = OF_MANY_GUESSES) -> Loans[GuardedSolver]:
     """Solvers of ``problem`` with ``settings`` that this process keeps; its threads use as many as there are cores."""
     return _solvers(problem, settings, os.getpid())
-
-
-@checked
-def solve(problem: ProblemOrId, p: ArrayLike, *, extrapolate: bool = False, seed: int = 0, starts: int = 6) -> Solution:
-    """The best known optimum of one instance, by multistart over the goal's windings.
-
-    The solver process is kept for the next call. Threads may call this at once; they use as many as there are cores. An
-    instance whose initial state or goal violates a constraint is told at once, as INFEASIBLE.
-
-    Args:
-        problem: the problem.
-        p: parameters of the instance, (np,), their angles in any turn.
-        extrapolate: accept parameters outside the problem's box.
-        seed: of the random guesses.
-        starts: guesses for each winding, at most 1000: one straight line, the others random.
-
-    Raises:
-        ValueError: more than one instance, parameters that are not finite or outside the box, or starts out of range.
-    """
-    problem = problem_of(problem)
-    given = problem.check_parameters(p, extrapolate)
-    parameters, turns = problem.in_one_turn(given)
-    if len(parameters) != 1:
-        raise ValueError(f"solve takes one instance, got {len(parameters)}")
-    check_whole("starts", starts, 1, _MOST_STARTS)
-    if hopeless := infeasible_rows(problem, parameters):
-        return Solution(given[0], Solutions.empty(problem, len(problem.modes)), Status.INFEASIBLE, hopeless[0])
-    with lent_solvers(problem).one() as solver:
-        found = _multistart(solver, parameters, np.random.default_rng(seed), starts)
-    modes = best_per_mode(problem, parameters[0], found.solutions)
-    status, reason = (Status.SOLVED, "") if found.solutions.solved.any() else _why(problem, parameters, found)
-    return Solution(given[0], replace(modes, trajectory=modes.trajectory.shifted(turns)), status, reason)
-
-
-def _multistart(solver: GuardedSolver, parameters: Array, rng: np.random.Generator, starts: int) -> Attempts:
-    """Solves of one instance from ``starts`` guesses for each winding, at first from lines.
-
-    A guess that fails is given up. Only where all fail the fallback solver is used, from the lines.
-    """
-    problem, count = solver.problem, len(solver.problem.targets)
-    windings, repeated = np.arange(count), np.repeat(parameters, count, axis=0)
-
-    def attempt(tried: Sequence[Trajectory], last_resort: bool = False) -> Attempts:
-        return solver.attempts(
-            np.tile(repeated, (len(tried), 1)),
-            Trajectory.concatenate(tried),
-            np.tile(windings, len(tried)),
-            retry_with_fallback=last_resort,
-            rescue=last_resort,
-        )
-
-    lines = guesses(problem, repeated, windings, rng, "line")
-    first, kind = attempt([lines]).solutions, random_kind(problem)
-    others = [
-        bends_of(problem, lines, first.solved, first.trajectory, rng)
-        if kind == "bend"
-        else guesses(problem, repeated, windings, rng, kind)
-        for _ in range(starts - 1)
-    ]
-    solutions = Solutions.concatenate([first, attempt(others).solutions]) if others else first
-    return Attempts(solutions, first.trajectory) if solutions.solved.any() else attempt([lines], last_resort=True)
-
-
-def _why(problem: OptimalControlProblem, parameters: Array, failed: Attempts) -> tuple[Status, str]:
-    """How the solves of one instance, with ``parameters`` (1, np), ``failed`` from lines, and why."""
-    repeated = np.repeat(parameters, len(failed.ends), axis=0)
-    lines = guesses(problem, repeated, np.arange(len(repeated)), np.random.default_rng(0), "line")
-    for trajectory in (lines, failed.ends):
-        if reason := not_finite(problem, repeated, trajectory):
-            return Status.NOT_FINITE, reason
-    return Status(int(failed.solutions.status[0])), worst_violation(problem, repeated, failed.ends)

@@ -39,13 +39,18 @@ def workers_of(executor: Executor | None, count: int | None) -> Iterator[Workers
 class TaskRun(Generic[Task, Result]):
     """Runs ``call`` for tasks on ``workers``, and passes each task with its result to ``take``, which stores it.
 
-    A task whose worker died runs again. Only the calling thread takes results.
+    A task whose worker died runs again. Only the calling thread takes results. Errors that end the run say what is left
+    of it, in the words ``resumes``.
     """
 
     def __init__(
-        self, call: Callable[[Task], Result], workers: Workers, take: Callable[[Task, Result], object]
+        self,
+        call: Callable[[Task], Result],
+        workers: Workers,
+        take: Callable[[Task, Result], object],
+        resumes: str = _RESUMES,
     ) -> None:
-        self._call, self._workers, self._take = call, workers, take
+        self._call, self._workers, self._take, self._resumes = call, workers, take, resumes
         self._losses = 0  # since the last result arrived
 
     def __call__(self, tasks: Iterator[Task]) -> None:
@@ -67,12 +72,12 @@ class TaskRun(Generic[Task, Result]):
                 done, _ = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
                 again += [task for future in done if (task := self._taken(future, running.pop(future))) is not None]
         except BrokenExecutor as error:  # the tasks in flight ended with it
-            raise BrokenExecutor(f"{error}; {_RESUMES}") from error
+            raise BrokenExecutor(f"{error}; {self._resumes}") from error
         except BaseException as error:
             for future in running:
                 future.cancel()
             if isinstance(error, KeyboardInterrupt):
-                error.add_note(_RESUMES)
+                error.add_note(self._resumes)
             raise
 
     def _taken(self, future: Future[Result], task: Task) -> Task | None:

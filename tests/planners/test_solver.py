@@ -144,7 +144,7 @@ def test_guessers_are_planners(guessers):
 
 
 def test_a_planner_in_place_of_a_database_is_told_where_it_belongs(planners):
-    with pytest.raises(TypeError, match=r"got NetworkPlanner; give a planner .* as guessers=\(planner,\)"):
+    with pytest.raises(TypeError, match=r"got NetworkPlanner; give .*guessers=\(planner,\), .*Repaired\(planner\)"):
         SolverPlanner(PENDULUM, planners["single"], solver=Recorder())
 
 

@@ -11,12 +11,12 @@ from ocp_envs.goal import Goal
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
-from ocp_envs.solvers import solver
+from ocp_envs.solvers import optimum, solver
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses
 from ocp_envs.solvers.nlp import SolverSettings, Status
+from ocp_envs.solvers.optimum import solve
 from ocp_envs.solvers.reasons import not_finite
-from ocp_envs.solvers.solver import solve
 from ocp_envs.support.sharing import Loans
 from ocp_envs.trajectory import Trajectory
 from tests.in_process import Solver
@@ -272,7 +272,7 @@ def to(target):
     ids=["initial state", "goal", "box"],
 )
 def test_an_instance_whose_ends_violate_a_constraint_is_told_without_a_solve(problem, p, reason, monkeypatch):
-    monkeypatch.setattr(solver, "lent_solvers", lambda problem: pytest.fail("it is solved"))
+    monkeypatch.setattr(optimum, "lent_solvers", lambda problem: pytest.fail("it is solved"))
     solution = solve(problem, p, extrapolate=True)
     assert solution.status == Status.INFEASIBLE
     assert re.fullmatch(reason, solution.reason)
@@ -282,7 +282,7 @@ def test_an_instance_whose_ends_violate_a_constraint_is_told_without_a_solve(pro
 
 @pytest.fixture
 def unguarded(monkeypatch):
-    monkeypatch.setattr(solver, "lent_solvers", lambda problem: Loans(partial(Solver, problem), 1))
+    monkeypatch.setattr(optimum, "lent_solvers", lambda problem: Loans(partial(Solver, problem), 1))
 
 
 def test_an_infeasible_instance_is_told_by_what_the_best_attempt_violates(unguarded):

@@ -14,7 +14,8 @@ from moe_policy.experiments.figures.style import Axes, Figure, save_figure
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.check import path_violation
-from ocp_envs.solvers.solver import GuardedSolver, solve
+from ocp_envs.solvers.optimum import solve
+from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
 from ocp_envs.trajectory import Trajectory
 
