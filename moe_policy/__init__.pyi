@@ -7,7 +7,7 @@ from moe_policy.checking.verdict import Verdict as Verdict
 from moe_policy.control.stabiliser import Entered as Entered
 from moe_policy.control.stabiliser import Stabilised as Stabilised
 from moe_policy.control.stabiliser import Stabiliser as Stabiliser
-from moe_policy.control.tracking import Tracking as Tracking
+from moe_policy.control.step import Tracking as Tracking
 from moe_policy.control.tracking import TrackingPolicy as TrackingPolicy
 from moe_policy.control.weights import TrackingWeights as TrackingWeights
 from moe_policy.learning.architectures import Architecture as Architecture

@@ -5,22 +5,24 @@ They are compiled where there is a C compiler, else run with NumPy for all at on
 
 from __future__ import annotations
 
-import ctypes
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from moe_policy.control.tracking import Tracking, TrackingPolicy
+from moe_policy.control.program import STEP
+from moe_policy.control.step import Tracking, box_arrays
+from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.rollouts.ledger import Violations
 from ocp_envs.envs.simulation import Simulator
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.arrays import Array, Bools, Ints, address, pointers
 from ocp_envs.support.clock import count_steps
 from ocp_envs.support.kept import kept
-from ocp_envs.support.programs import address, library
+from ocp_envs.support.programs import entry, library
 
 _PROGRAM = Path(__file__).with_name("episodes.c")
 
@@ -40,7 +42,7 @@ class Ended(NamedTuple):
     stayed: Bools
 
 
-def compiled(plant: OptimalControlProblem, step: ca.Function) -> ctypes.CDLL | None:
+def compiled(plant: OptimalControlProblem, step: ca.Function) -> Callable[..., None] | None:
     """The program that runs episodes of ``plant``, whose control step is ``step``; ``None`` where it cannot be."""
     return _kernel(plant, step, os.environ.get("CC"), os.environ.get("PATH"))
 
@@ -48,37 +50,47 @@ def compiled(plant: OptimalControlProblem, step: ca.Function) -> ctypes.CDLL | N
 @kept
 def _kernel(
     plant: OptimalControlProblem, step: ca.Function, compiler: str | None, path: str | None
-) -> ctypes.CDLL | None:
-    """The program as a library; the environment variables say which ``compiler`` there is on the ``path``."""
+) -> Callable[..., None] | None:
+    """``run`` of ``episodes.c``; the environment variables say which ``compiler`` there is on the ``path``."""
     system = plant.system
     sizes = {"NX": system.nx, "NU": system.nu, "NC": len(plant.context), "NH": plant.n_clearances}
     clearances = [plant.batch_clearances().function] if plant.n_clearances else []
-    return library(_PROGRAM, [step, *clearances], sizes)
+    made = library([STEP, _PROGRAM], [step, *clearances], sizes)
+    return None if made is None else entry(made, "run", "qqppdddppppppp")
 
 
 def run_compiled(
-    program: ctypes.CDLL, problem: OptimalControlProblem, dt: float, states: Array, contexts: Array, tracking: Tracking
+    program: Callable[..., None],
+    problem: OptimalControlProblem,
+    dt: float,
+    states: Array,
+    contexts: Array,
+    tracking: Tracking,
 ) -> Ended:
     """Episodes of ``problem`` with control steps of ``dt`` seconds by the compiled ``program``.
 
     They begin at ``states`` (B, nx) in ``contexts`` (B, nc) with the recurrent state ``tracking``.
     """
-    goal, box, schedule = problem.goal, problem.system.control, tracking.schedule
-    end, out = np.array(states, dtype=np.float64), np.empty((len(states), 5))
-    fixed = (goal.state, problem.system.state.periods, box.lower, box.upper)
-    held = [*map(np.ascontiguousarray, fixed), end]
-    held += [
-        np.ascontiguousarray(each)
-        for each in (contexts, tracking.states, tracking.controls, tracking.gains, tracking.norms, schedule.knot_step)
-    ]
+    goal, schedule = problem.goal, tracking.schedule
     steps, evaluations = map(np.ascontiguousarray, _steps(problem, dt, tracking))
-    program.run(
-        ctypes.c_longlong(len(states)),
-        ctypes.c_longlong(tracking.states.shape[1]),
+    # Named, so that they live until the program returns.
+    boxes, target = [np.ascontiguousarray(each) for each in box_arrays(problem)], np.ascontiguousarray(goal.state)
+    end, out = np.array(states, dtype=np.float64), np.empty((len(states), 5))
+    given, knot_step = np.ascontiguousarray(contexts), np.ascontiguousarray(schedule.knot_step)
+    program(
+        len(states),
+        tracking.states.shape[1],
         address(steps),
         address(evaluations),
-        *map(ctypes.c_double, (dt, goal.radius, float(problem.knots))),
-        *map(address, held),
+        dt,
+        goal.radius,
+        float(problem.knots),
+        address(target),
+        pointers(boxes),
+        address(end),
+        address(given),
+        tracking.pointers,
+        address(knot_step),
         address(out),
     )
     cost, error, clearance, left, stayed = np.ascontiguousarray(out.T)

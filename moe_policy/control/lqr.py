@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from moe_policy.control.riccati import References, compiled, run, run_compiled
+from moe_policy.control.program import compiled
+from moe_policy.control.riccati import References, run, run_compiled
 from moe_policy.control.weights import TrackingWeights
 from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.problem import OptimalControlProblem
@@ -37,6 +38,7 @@ class Regulator:
         hold: gain at the goal, (nu, nx); zero where the goal cannot be held.
         hold_norm: H at the goal, (nu, nu); the identity where the goal cannot be held.
         terminal: weight at the end of a plan, (nx, nx).
+        substeps: Runge-Kutta steps in a control step.
 
     Raises:
         TypeError: a control period that is no number.
@@ -52,7 +54,7 @@ class Regulator:
             if value is not None and value.shape != shape:
                 raise ValueError(f"{problem.id}: expected {name} weights of shape {shape}, got {value.shape}")
         # The substeps of the simulator, so that the discrete step linearised is the one it takes.
-        self._substeps = runge_kutta_steps(problem, dt)
+        self.substeps = runge_kutta_steps(problem, dt)
         self.problem, self.dt, self.weights = problem, float(dt), weights
         self.hold, self.hold_norm, end = self._at_goal()
         self.terminal: Array = end if weights.terminal is None else weights.terminal
@@ -82,7 +84,7 @@ class Regulator:
         They are taken at ``states`` (B, nx), ``controls`` (B, nu) and ``contexts`` (B, nc).
         """
         size, nx, nu = len(states), self.problem.system.nx, self.problem.system.nu
-        derivatives = self.problem.batch_linearisation(self._substeps)
+        derivatives = self.problem.batch_linearisation(self.substeps)
         a, b = derivatives(states, controls, contexts, np.full((size, 1), self.dt))
         return np.ascontiguousarray(a).reshape(size, nx, nx), np.ascontiguousarray(b).reshape(size, nx, nu)
 
@@ -99,9 +101,9 @@ class Regulator:
         weights = self.weights
         r = weights.control_at(controls, self.problem.system.control)
         plans = References(states, controls, contexts, steps, weights.state, r, self.terminal)
-        program = compiled(self.problem, self._substeps)
+        program = compiled(self.problem, self.substeps)
         if program is None:
             run(self.linearise, plans, gains, norms)
         else:
-            run_compiled(program, plans, self.dt, gains, norms)
+            run_compiled(program.along, plans, self.dt, gains, norms)
         return gains, norms

@@ -6,20 +6,13 @@ program ``riccati.c`` does the same for one plan after another.
 
 from __future__ import annotations
 
-import ctypes
-import os
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array, Ints
-from ocp_envs.support.kept import kept
-from ocp_envs.support.programs import address, library
+from ocp_envs.support.arrays import Array, Ints, address
 
-_PROGRAM = Path(__file__).with_name("riccati.c")
 #: The recursion linearises at most this many different numbers of plans, and about so many control steps of all plans
 #: at once, or those of one step.
 _SIZES, _ROWS = 8, 256
@@ -46,22 +39,9 @@ class References(NamedTuple):
 Linearise = Callable[[Array, Array, Array], tuple[Array, Array]]
 
 
-def compiled(problem: OptimalControlProblem, substeps: int) -> ctypes.CDLL | None:
-    """The recursion for control steps of ``problem`` in ``substeps`` Runge-Kutta steps; ``None`` where it cannot be."""
-    return _kernel(problem, substeps, os.environ.get("CC"), os.environ.get("PATH"))
-
-
-@kept
-def _kernel(
-    problem: OptimalControlProblem, substeps: int, compiler: str | None, path: str | None
-) -> ctypes.CDLL | None:
-    """The recursion as a library; the environment variables say which ``compiler`` there is on the ``path``."""
-    sizes = {"NX": problem.system.nx, "NU": problem.system.nu}
-    return library(_PROGRAM, [problem.batch_linearisation(substeps).jacobian.function], sizes)
-
-
-def run_compiled(program: ctypes.CDLL, plans: References, dt: float, gains: Array, norms: Array) -> None:
-    """The recursion of ``plans`` with control steps of ``dt`` seconds by the compiled ``program``.
+def run_compiled(program: Callable[..., None], plans: References, dt: float, gains: Array, norms: Array) -> None:
+    """The recursion of ``plans`` with control steps of ``dt`` seconds by the compiled ``program``,
+    the function ``along`` of ``riccati.c``.
 
     It writes ``gains`` K (B, T+1, nu, nx) and ``norms`` H (B, T+1, nu, nu) of the control steps within the plans.
     """
@@ -70,12 +50,13 @@ def run_compiled(program: ctypes.CDLL, plans: References, dt: float, gains: Arra
     steps = np.ascontiguousarray(plans.steps, dtype=np.int64)
     inputs = [np.ascontiguousarray(each) for each in (plans.states, plans.controls, plans.contexts)]
     weights = [np.ascontiguousarray(each) for each in (plans.q, plans.r, plans.terminal)]
-    program.along(
-        ctypes.c_longlong(rows),
-        ctypes.c_longlong(length),
+    context = plans.contexts.shape[1]
+    program(
+        rows,
+        length,
         *map(address, (steps, *inputs)),
-        ctypes.c_longlong(plans.contexts.shape[1]),
-        ctypes.c_double(dt),
+        context,
+        dt,
         *map(address, weights),
         *map(address, (gains, norms)),
     )

@@ -12,69 +12,25 @@ and ū is applied unchanged. Terminal regulation is thus one more row of the arr
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.control.lqr import Regulator
 from moe_policy.control.observations import split
 from moe_policy.control.policy import ModelPolicy
-from moe_policy.control.projection import project
 from moe_policy.control.resampling import Resampler
+from moe_policy.control.step import ControlStep, Tracking, padded
 from moe_policy.control.watch import Watched
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.planners.owner import plans_of
 from moe_policy.protocols import Planner, Schedule, State
 from ocp_envs.problems import ProblemOrId, problem_of
-from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.doors import checked
-from ocp_envs.support.rows import Batch
 from ocp_envs.trajectory import Trajectory
 
 #: A duration may lie outside its bounds by this fraction of the longest one, from rounding.
 ROUNDING = 1e-6
-
-
-@checked
-@dataclass(frozen=True, eq=False)
-class Tracking(Batch):
-    """Recurrent state of :class:`TrackingPolicy` for B rows: references, gains and norms at the control steps.
-
-    From a plan's last control step on, rows are those of terminal regulation.
-
-    Args:
-        states: references, (B, T+1, nx).
-        controls: feed-forward, (B, T+1, nu).
-        gains: (B, T+1, nu, nx).
-        norms: H, in which controls are projected onto their bounds, (B, T+1, nu, nu).
-        clock: control steps since each plan's start, (B,).
-        schedule: see :class:`~moe_policy.protocols.Schedule`.
-    """
-
-    states: Array
-    controls: Array
-    gains: Array
-    norms: Array
-    clock: Ints
-    schedule: Schedule
-
-    def padded(self, length: int) -> Tracking:
-        """This state with ``length`` control steps, the last one repeated."""
-        states, controls, gains, norms = (
-            _padded(values, length) for values in (self.states, self.controls, self.gains, self.norms)
-        )
-        return replace(self, states=states, controls=controls, gains=gains, norms=norms)
-
-    def restarted(self, rows: Bools, new: Tracking) -> Tracking:
-        """This state with the ``rows`` of a mask (B,) taken from ``new``, whose batch is those rows."""
-        longest = max(self.states.shape[1], new.states.shape[1])
-        return self.padded(longest).replaced(rows, new.padded(longest))
-
-
-def _padded(values: Array, length: int) -> Array:
-    """``values`` (B, T, …) with the last of axis 1 repeated up to ``length``."""
-    return np.concatenate([values, np.repeat(values[:, -1:], length - values.shape[1], axis=1)], axis=1)
 
 
 class TrackingPolicy(ModelPolicy):
@@ -108,6 +64,7 @@ class TrackingPolicy(ModelPolicy):
         self.regulator = Regulator(problem, dt, weights)
         self.dt = self.regulator.dt
         self._resample = Resampler(problem, self.dt)
+        self._step = ControlStep(problem, self.regulator.substeps)
 
     @checked
     def start(self, parameters: ArrayLike) -> Tracking:
@@ -139,7 +96,7 @@ class TrackingPolicy(ModelPolicy):
         steps = np.where(rejected, 0, reference.steps)
 
         after = np.arange(gains.shape[1]) >= steps[:, None]
-        controls = _padded(reference.controls, gains.shape[1])
+        controls = padded(reference.controls, gains.shape[1])
         states[after], controls[after] = problem.goal.state, problem.goal.control
         gains[after], norms[after] = self.regulator.hold, self.regulator.hold_norm
         plan_end = steps * self.dt
@@ -175,21 +132,16 @@ class TrackingPolicy(ModelPolicy):
         return own.schedule
 
     def act(self, observations: NDArray[np.floating], state: Tracking | None, begins: Bools) -> tuple[Array, Tracking]:
-        x, contexts = split(self.problem, observations)
+        seen = np.ascontiguousarray(observations, dtype=np.float64)
         if state is None:
-            state = self.start(self.problem.parameters_of(x, contexts))
-        elif len(state) != len(x):
-            raise ValueError(f"got {len(x)} observations with the recurrent state of {len(state)} episodes")
-        elif begins.any():
-            p = self.problem.parameters_of(x[begins], contexts[begins])
-            state = state.restarted(begins, self.start(p))
+            state = self.start(self._parameters(seen))
+        elif np.count_nonzero(begins) and len(state.clock) == len(seen):
+            state = state.restarted(begins, self.start(self._parameters(seen[begins])))
+        return self._step(seen, state), state.later()
 
-        rows, step = np.arange(len(x)), np.minimum(state.clock, state.states.shape[1] - 1)
-        error = self.problem.system.difference(x, state.states[rows, step])
-        feedback = (state.gains[rows, step] @ error[..., None])[..., 0]
-        wanted = state.controls[rows, step] - feedback
-        controls = project(wanted, state.norms[rows, step], self.problem.system.control)
-        return controls, replace(state, clock=state.clock + 1)
+    def _parameters(self, observations: Array) -> Array:
+        """The parameters (B, np) that are read off ``observations`` (B, nx + nc)."""
+        return self.problem.parameters_of(*split(self.problem, observations))
 
     def __repr__(self) -> str:
         return f"TrackingPolicy({self.problem.id!r}, {self.planner!r}, dt={self.dt})"

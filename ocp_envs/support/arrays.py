@@ -1,9 +1,11 @@
-"""Array types, arrays that nobody can change, and large arrays in files."""
+"""Array types, arrays that nobody can change, large arrays in files, and arrays as C sees them."""
 
 from __future__ import annotations
 
+import ctypes
 import math
 import tempfile
+from collections.abc import Sequence
 from typing import TypeVar, overload
 
 import numpy as np
@@ -48,3 +50,17 @@ def scratch(shape: tuple[int, ...], dtype: type[Value]) -> NDArray[Value]:
         return np.empty(shape, dtype)
     with tempfile.TemporaryFile(prefix="ocp_envs-") as file:  # has no name, so nothing is left behind by a crash
         return np.asarray(np.memmap(file, dtype=dtype, mode="w+", shape=shape))
+
+
+def address(array: NDArray[np.generic]) -> int:
+    """Where the values of ``array`` are, which must be contiguous and live as long as the address is used."""
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]  # four times as fast
+    except (TypeError, ValueError):  # read-only, or empty
+        assert array.flags.c_contiguous
+        return int(array.ctypes.data)
+
+
+def pointers(arrays: Sequence[NDArray[np.generic]]) -> ctypes.Array[ctypes.c_void_p]:
+    """The :func:`address` of each of ``arrays``, as an array of C."""
+    return (ctypes.c_void_p * max(len(arrays), 1))(*map(address, arrays))

@@ -18,10 +18,10 @@ from typing import cast
 import casadi as ca
 import numpy as np
 
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, pointers
 from ocp_envs.support.checks import check_whole
 from ocp_envs.support.doors import checked
-from ocp_envs.support.kernels import Entry, kernel, pointers
+from ocp_envs.support.kernels import Entry, kernel
 from ocp_envs.support.kinds import AnyFloat
 
 _KEPT_SIZES = 8

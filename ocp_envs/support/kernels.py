@@ -20,7 +20,6 @@ from typing import cast
 
 import casadi as ca
 
-from ocp_envs.support.arrays import Array
 from ocp_envs.support.compiler import NATIVE, compiled, written_by
 
 #: Contractions would round differently in a vector and in the interpreter. The flags on errno and traps let the
@@ -110,17 +109,12 @@ static inline V magnitude(V a) { M m; EACH m[l] = 0x7fffffffffffffffLL; return (
 Entry = Callable[..., None]
 
 
-def pointers(arrays: Sequence[Array]) -> ctypes.Array[ctypes.c_void_p]:
-    """The addresses of ``arrays``, which must live as long as these are used."""
-    return (ctypes.c_void_p * max(len(arrays), 1))(*(array.ctypes.data for array in arrays))
-
-
 def kernel(function: ca.Function) -> Entry | None:
     """The compiled ``function``, which is dense and of scalar instructions; ``None`` where it cannot be compiled.
 
-    It is called with the number of rows, and the :func:`pointers` to contiguous arrays of arguments and of results,
-    each in the memory of (rows, entries) with the entries of matrices column by column. Other Python threads run
-    meanwhile.
+    It is called with the number of rows, and the :func:`~ocp_envs.support.arrays.pointers` to contiguous arrays of
+    arguments and of results, each in the memory of (rows, entries) with the entries of matrices column by column.
+    Other Python threads run meanwhile.
     """
     if not vectorisable(function) or function.n_instructions() > MOST_INSTRUCTIONS:
         return None

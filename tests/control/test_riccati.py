@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from moe_policy.control import riccati
 from moe_policy.control.lqr import Regulator
+from moe_policy.control.program import compiled
 from moe_policy.control.resampling import Resampler
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.support.compiler import find_compiler
@@ -26,11 +26,11 @@ CASES = [(problem, 0.02) for problem in (*BENCHMARK, WALLED_INTEGRATOR)] + [(DOU
 
 @pytest.mark.parametrize(("problem", "dt"), CASES, ids=lambda value: getattr(value, "id", str(value)))
 def test_both_recursions_have_the_same_gains(problem, dt, monkeypatch):
-    assert riccati.compiled(problem, 1) is not None
-    compiled = along(problem, dt, shortened=True)
+    assert compiled(problem, 1) is not None
+    in_c = along(problem, dt, shortened=True)
     monkeypatch.setenv("CC", "none")
-    assert riccati.compiled(problem, 1) is None
-    for one, other in zip(compiled, along(problem, dt, shortened=True), strict=True):
+    assert compiled(problem, 1) is None
+    for one, other in zip(in_c, along(problem, dt, shortened=True), strict=True):
         scale = np.abs(other).max(axis=(2, 3), keepdims=True)
         np.testing.assert_allclose(one, other, atol=1e-9 * scale.max(), rtol=1e-7)
 

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 from ocp_envs.support import programs
+from ocp_envs.support.arrays import address
 from ocp_envs.support.compiler import find_compiler
 from ocp_envs.support.libraries import LIBRARY
-from ocp_envs.support.programs import address, library
+from ocp_envs.support.programs import entry, library
 
 PROGRAM = """
 void twice(const double *x, double *y) {
@@ -34,7 +35,7 @@ def program(tmp_path, monkeypatch):
     programs._loaded.cache_clear()
     path = tmp_path / "twice.c"
     path.write_text(PROGRAM)
-    yield path
+    yield [path]
     programs._loaded.cache_clear()
 
 
@@ -42,7 +43,7 @@ def program(tmp_path, monkeypatch):
 def test_a_program_calls_functions_of_casadi(program, square):
     x, y = np.array([1.0, 2.0, 3.0]), np.zeros(3)
     made = library(program, [square], {"N": 3})
-    made.twice(address(x), address(y))
+    entry(made, "twice", "pp")(address(x), address(y))
     np.testing.assert_array_equal(y, x**4)
     assert isinstance(made, ctypes.CDLL)
     assert library(program, [square], {"N": 3}) is made
@@ -67,7 +68,7 @@ def test_functions_that_take_too_long_to_compile_are_not(program, square, monkey
 
 
 def test_a_program_that_does_not_compile_is_none(program, square):
-    program.write_text("this is no C")
+    program[0].write_text("this is no C")
     assert library(program, [square], {"N": 3}) is None
 
 
