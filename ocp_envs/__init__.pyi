@@ -3,6 +3,8 @@ from ocp_envs.data.generation import generate as generate
 from ocp_envs.data.layout import StoredRows as StoredRows
 from ocp_envs.data.many import Optima as Optima
 from ocp_envs.data.many import solve_many as solve_many
+from ocp_envs.data.refined import Refinement as Refinement
+from ocp_envs.data.refinement import refine as refine
 from ocp_envs.data.samples import Samples as Samples
 from ocp_envs.data.samples import SampleSource as SampleSource
 from ocp_envs.data.settings import GenerationSettings as GenerationSettings

@@ -21,7 +21,21 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.solvers.nlp import Status
 from tests.data.running import InProcess
-from tests.door_values import QUICK, SAMPLES, VALUES, P, actor, database, episodes, new_path, planner, policy, sac
+from tests.door_values import (
+    QUICK,
+    SAMPLES,
+    VALUES,
+    P,
+    actor,
+    constant_plans,
+    database,
+    episodes,
+    finished,
+    new_path,
+    planner,
+    policy,
+    sac,
+)
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 
@@ -95,6 +109,7 @@ CALLS: dict[str, dict[str, Callable[[], Any]]] = {
     "load_reference": {"split": lambda: "validation"},
     "names": {},
     "ocp_envs.load": {"name": lambda: "PendulumSwingup-v0"},
+    "refine": {"database": finished, "planner": lambda: lambda p: constant_plans(p)},
     "rollout": {"horizon": lambda: 0.1},
     "sample": {"seed": lambda: 1, "n": lambda: 2},
     "solve": {"p": lambda: [3.1, 0.1], "starts": lambda: 1},

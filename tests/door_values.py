@@ -43,6 +43,34 @@ def database() -> ocp_envs.Database:
     return ocp_envs.Database.create(new_path(), DOUBLE_INTEGRATOR, np.zeros((2, 2)))
 
 
+def constant_plans(p: np.ndarray) -> ocp_envs.Trajectory:
+    """Plans of the double integrator that stay where they are."""
+    count = len(p)
+    states = np.repeat(p[:, None], DOUBLE_INTEGRATOR.knots, axis=1)
+    return ocp_envs.Trajectory(states, np.zeros((count, DOUBLE_INTEGRATOR.knots - 1, 1)), np.ones(count))
+
+
+@cache
+def finished() -> ocp_envs.Database:
+    """A database of one instance that was not solved."""
+    made = ocp_envs.Database.create(new_path(), DOUBLE_INTEGRATOR, np.ones((1, 2)))
+    shape = (1, 1, DOUBLE_INTEGRATOR.flat_size)
+    nothing = np.zeros(1, np.int32)
+    rows = ocp_envs.StoredRows(
+        status=np.full(1, Status.NOT_CONVERGED, np.int8),
+        slot_status=np.zeros((1, 1), np.int8),
+        cost=np.full((1, 1), np.inf),
+        z=np.full(shape, np.nan),
+        multipliers=np.empty((1, 1, DOUBLE_INTEGRATOR.knots, 0)),
+        solves=nothing,
+        failures=nothing,
+        fallbacks=nothing,
+        iterations=nothing,
+    )
+    made.write(0, rows)
+    return made
+
+
 @cache
 def planner() -> moe_policy.NetworkPlanner:
     return moe_policy.fit_mixture(SAMPLES, moe_policy.cluster(SAMPLES, "custom"), settings=QUICK)
@@ -134,6 +162,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "Picture": lambda: PENDULUM.picture,
     "Proportion": lambda: moe_policy.Proportion(1, 3),
     "ReferenceSet": lambda: ocp_envs.ReferenceSet(P, np.ones((2, 3))),
+    "Refinement": lambda: ocp_envs.Refinement(finished(), np.ones((1, 1)), np.ones((1, 1))),
     "SACSettings": sac,
     "Samples": lambda: SAMPLES,
     "Schedule": lambda: policy().start(P).schedule,

@@ -108,7 +108,7 @@ CHANGES: dict[str, tuple[Callable[[Any], bool], Callable[[Any], Any]]] = {
 PROTOCOLS = {"Planner": "__call__", "Policy": "predict", "SampleSource": "samples", "Executor": "submit"}
 _NUMBERS = re.compile(r"Array|Ints|Bools|ArrayLike|NDArray\[.*\]")
 _SEQUENCE = re.compile(r"(?:Sequence|tuple)\[(\w+).*\]|Hidden|Interval")
-_FUNCTION = re.compile(r"Callable\[.*\]|Dynamics|CostRate|Clearance|Classify")
+_FUNCTION = re.compile(r"Callable\[.*\]|Plans|Dynamics|CostRate|Clearance|Classify")
 
 
 def alternatives(annotation: str) -> list[str]:

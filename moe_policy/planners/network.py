@@ -118,6 +118,10 @@ class NetworkPlanner:
         x, turns = self._scaled(p)
         return tuple(self._trajectory(expert(x), turns) for expert in self._mixture.experts)
 
+    def alternatives(self, p: ArrayLike) -> tuple[Trajectory, ...]:
+        """The plans of every expert of a mixture for parameters ``p``, or the only plan of a single network."""
+        return self.experts(p) if isinstance(self.network, MixtureOfExperts) else (self(p),)
+
     def expert_planners(self) -> tuple[NetworkPlanner, ...]:
         """A planner for each expert of a mixture, which uses that expert alone, whatever the gate says.
 

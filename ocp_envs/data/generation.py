@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError, StoredRows
 from ocp_envs.data.locks import only_writer
+from ocp_envs.data.refinement import REFINED
 from ocp_envs.data.rounds import rounds, tasks
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.data.worker import Chunk, solve_chunk
@@ -138,15 +139,34 @@ def _open_or_create(
         order = np.random.default_rng(seed).permutation(len(p))
         Database.create(path, problem, p, order=order, settings=record, chunk=settings.chunk)
     database = Database.open(path, problem)
-    known = database.parameters
-    if database.settings == record and len(known) > len(p) and np.array_equal(known[: len(p)], p):
-        raise DatabaseError(
-            f"{path} holds {len(known)} instances, of which the given {len(p)} are the first; pass all of them, or "
+    if fault := _fault(database, record, p):
+        raise DatabaseError(f"{path} {fault}")
+    return database
+
+
+def _fault(database: Database, record: dict[str, object], p: Array) -> str:
+    """Why ``database`` cannot become one with the settings ``record`` for the parameters ``p``, and what to do."""
+    known, settings = database.parameters, database.settings
+    if REFINED in settings:
+        return (
+            "was refined, and refined databases do not grow; open it with Database.open, or grow the one that it was "
+            "refined from, and refine that one again"
+        )
+    different = sorted(name for name in {*settings, *record} if settings.get(name) != record.get(name))
+    if different:
+        told = ", ".join(f"{name} {settings.get(name)!r} (given: {record.get(name)!r})" for name in different)
+        return (
+            f"was made with other parameters, settings or seed: {told}; give these, remove it, or choose another path"
+        )
+    if len(known) > len(p) and np.array_equal(known[: len(p)], p):
+        return (
+            f"holds {len(known)} instances, of which the given {len(p)} are the first; pass all of them, or "
             f"open it and select, as in Database.open(path).samples(range({len(p)}))"
         )
-    if database.settings != record or not np.array_equal(known, p[: len(known)]):
-        raise DatabaseError(
-            f"{path} was made with other parameters, settings or seed; remove it, or choose another. A database grows "
-            f"where the parameters begin with the {len(known)} that it was made with, in the same order"
+    if not np.array_equal(known, p[: len(known)]):
+        return (
+            f"was made with other parameters, settings or seed: its {len(known)} parameters are not the first of the "
+            f"given {len(p)}. A database grows where the parameters begin with those that it was made with, in the "
+            "same order, as those of ocp_envs.sample do with one seed; give these, or choose another path"
         )
-    return database
+    return ""

@@ -174,6 +174,11 @@ class StoredDatabase:
         return parameters
 
     @property
+    def order(self) -> Ints:
+        """The index of each row, (M,)."""
+        return self._index_of_row
+
+    @property
     def settings(self) -> dict[str, object]:
         """The settings it was made with, as JSON."""
         return json.loads(json.dumps(self._description.settings))

@@ -84,7 +84,7 @@ def solve_chunk(chunk: Chunk) -> StoredRows:
     done = np.concatenate([solved, hopeless])
     solves.append(_last_resort(solver, chunk, np.setdiff1d(np.arange(len(chunk.parameters)), done)))
     owners, solutions = zip(*solves)
-    rows = _rows(problem, chunk.parameters, np.concatenate(owners), Solutions.concatenate(solutions))
+    rows = best_rows(problem, chunk.parameters, np.concatenate(owners), Solutions.concatenate(solutions))
     rows.status[hopeless] = Status.INFEASIBLE
     return rows
 
@@ -96,7 +96,7 @@ def _without(chunk: Chunk, rows: Ints) -> Chunk:
     return replace(chunk, owner=chunk.owner[wanted], z=chunk.z[wanted], cold=cold)
 
 
-def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.float32]) -> Trajectory:
+def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.floating]) -> Trajectory:
     """Guesses for instances of ``problem`` with ``parameters`` (B, np), from their initial states.
 
     They are made of trajectories ``z`` (B, flat_size) of other instances, or of fits through these, clipped to the
@@ -141,8 +141,11 @@ def _last_resort(solver: GuardedSolver, chunk: Chunk, rows: Ints) -> _Solves:
     return owner, solver.solve(chunk.parameters[owner], line, windings, retry_with_fallback=True)
 
 
-def _rows(problem: OptimalControlProblem, parameters: Array, owner: Ints, solutions: Solutions) -> StoredRows:
-    """What is stored of the instances with ``parameters`` (B, np), given the instance of each solve."""
+def best_rows(problem: OptimalControlProblem, parameters: Array, owner: Ints, solutions: Solutions) -> StoredRows:
+    """What is stored of the instances of ``problem`` with ``parameters`` (B, np), given S ``solutions`` of theirs.
+
+    Each belongs to the instance ``owner`` (S,).
+    """
     size = len(parameters)
     order = np.argsort(owner, kind="stable")
     groups = np.split(order, np.searchsorted(owner[order], np.arange(1, size)))

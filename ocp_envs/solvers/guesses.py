@@ -19,7 +19,7 @@ from ocp_envs.trajectory import Trajectory
 #: two scales, to pass an obstacle on all sides.
 GuessKind = Literal["line", "rollout", "drift", "bend"]
 #: Guesses of B instances: B trajectories, several times B, or what makes them from parameters (B, np), as planners do.
-Guess = Trajectory | Sequence[Trajectory] | Callable[[Array], Trajectory]
+Guess = Trajectory | Sequence[Trajectory] | Callable[[Array], Trajectory | Sequence[Trajectory]]
 #: Instead of an index into ``problem.targets``: the winding whose target is nearest to the end of the guess.
 NEAREST_WINDING = -1
 _BEND = 2.0

@@ -305,7 +305,7 @@ def test_only_a_database_whose_parameters_are_the_first_of_the_given_grows(tmp_p
     generate(PENDULUM, path, p[:10], **how)
     with pytest.raises(DatabaseError, match=r"holds 10 instances, of which the given 4 are the first; pass all"):
         generate(PENDULUM, path, p[:4], **how)
-    with pytest.raises(DatabaseError, match=r"grows where the parameters begin with the 10 .* in the same order"):
+    with pytest.raises(DatabaseError, match=r"its 10 parameters are not the first .* grows where .* in the same order"):
         generate(PENDULUM, path, p[::-1], **how)
     unfinished = Database.create(tmp_path / "e", PENDULUM, p)
     with pytest.raises(DatabaseError, match="is not finished and cannot grow"):
