@@ -13,20 +13,30 @@ from ocp_envs.support.arrays import Array, Bools
 _FAR = 1e6
 
 
-def observations_of(problem: OptimalControlProblem, observation: ArrayLike) -> Array:
-    """An ``observation`` (B, nx + nc) or (nx + nc,) of ``problem`` as (B, nx + nc) in float64, bounded but for NaN.
+class Observations:
+    """Reads observations of ``problem``."""
 
-    Raises:
-        ValueError: another shape, or no numbers.
-    """
-    values, width = np.asarray(observation), problem.system.nx + len(problem.context)
-    if values.dtype.kind not in "fiub":
-        raise ValueError(f"{problem.id}: expected observations of numbers, got {values.dtype}")
-    if values.ndim not in (1, 2) or values.shape[-1] != width:
-        raise ValueError(f"{problem.id}: expected observations (B, {width}), got {values.shape}")
-    boxes = (problem.system.state, problem.context)
-    lower, upper = (np.concatenate([box.centre + sign * _FAR * box.width for box in boxes]) for sign in (-1, 1))
-    return np.asarray(np.clip(np.atleast_2d(values).astype(np.float64), lower, upper))
+    def __init__(self, problem: OptimalControlProblem) -> None:
+        self._name, self._width = problem.id, problem.system.nx + len(problem.context)
+        boxes = (problem.system.state, problem.context)
+        self._lower, self._upper = (
+            np.concatenate([box.centre + sign * _FAR * box.width for box in boxes]) for sign in (-1, 1)
+        )
+
+    def __call__(self, observation: ArrayLike) -> Array:
+        """An ``observation`` (B, nx + nc) or (nx + nc,) as (B, nx + nc) in float64, bounded but for NaN.
+
+        Raises:
+            ValueError: another shape, or no numbers.
+        """
+        values = np.asarray(observation)
+        if values.dtype.kind not in "fiub":
+            raise ValueError(f"{self._name}: expected observations of numbers, got {values.dtype}")
+        if values.ndim not in (1, 2) or values.shape[-1] != self._width:
+            raise ValueError(f"{self._name}: expected observations (B, {self._width}), got {values.shape}")
+        bounded = np.array(values, dtype=np.float64, ndmin=2)
+        np.maximum(bounded, self._lower, out=bounded)
+        return np.minimum(bounded, self._upper, out=bounded)
 
 
 def split(problem: OptimalControlProblem, observations: ArrayLike) -> tuple[Array, Array]:
@@ -40,4 +50,4 @@ def beginning(episode_start: ArrayLike | None, size: int) -> Bools:
     flags = np.zeros(size, bool) if episode_start is None else np.asarray(episode_start, bool)
     if flags.shape not in ((), (1,), (size,)):
         raise ValueError(f"expected episode_start ({size},), got {flags.shape}")
-    return np.broadcast_to(flags, size)
+    return flags if flags.shape == (size,) else np.broadcast_to(flags, size)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.control.fit import Environment, check_environment
-from moe_policy.control.observations import beginning, observations_of
+from moe_policy.control.observations import Observations, beginning
 from moe_policy.control.watch import Watch, Watched
 from moe_policy.protocols import ExactPolicy, Policy, State
 from ocp_envs.envs.interface import Interface
@@ -63,6 +63,10 @@ class ModelPolicy:
         return Interface.of(self.problem, self.dt)
 
     @cached_property
+    def _observations(self) -> Observations:
+        return Observations(self.problem)
+
+    @cached_property
     def _watch(self) -> Watch:
         return Watch(self.problem, self.dt)
 
@@ -96,20 +100,22 @@ class ModelPolicy:
             ValueError: observations or flags of another shape, or observations that move as those of another
                 environment.
         """
-        values = observations_of(self.problem, observation)
-        begins, restarted, inner = beginning(episode_start, len(values)), np.zeros(len(values), bool), state
-        if isinstance(state, Watched):
-            if len(state) != len(values):
-                raise ValueError(f"got {len(values)} observations with the recurrent state of {len(state)} episodes")
-            restarted, inner = self._watch.restarted(state, values, begins), state.inner
+        values = self._observations(observation)
+        begins, watched = beginning(episode_start, len(values)), Watched.of(state, len(values))
+        seen, inner = watched.seen, watched.inner
+        if len(seen.age) != len(values):
+            raise ValueError(f"got {len(values)} observations with the recurrent state of {len(seen.age)} episodes")
         if not isinstance(inner, (self.recurrent, NoneType)):
             got = f"{type(inner).__name__}; give the state that the last call returned, or None at first"
             raise TypeError(f"state: expected a recurrent state of this policy, got {got}")
-        controls, inner = self.act(values, inner, begins | restarted)
-        space = self.interface.action_space
-        actions = np.clip(controls.astype(np.float32), space.low, space.high)
-        if inner is not None and (state is None or isinstance(state, Watched) or begins.any()):
-            inner = self._watch.following(state, inner, values, actions, begins, restarted)
+        watches = not seen.over or np.count_nonzero(begins) > 0
+        restarted = self._watch.restarted(seen, values, begins) if watches else begins
+        controls, inner = self.act(values, inner, begins | restarted if watches else begins)
+        actions = controls.astype(np.float32)  # within the action space, since rounding keeps the order
+        if inner is not None:
+            if watches:
+                seen = self._watch.following(seen, values, actions, begins, restarted)
+            inner = Watched(inner, seen)
         return (actions[0] if np.ndim(observation) == 1 else actions), inner
 
 

@@ -18,7 +18,9 @@ of the policy, need not be noticed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -33,6 +35,8 @@ from ocp_envs.support.batch import BatchFunction, dense_function
 
 #: Control steps of a block, and the blocks of an episode that are watched.
 BLOCK, _BLOCKS = 6, 4
+#: The last control step that is watched.
+LAST = BLOCK * _BLOCKS
 #: Contradictions, and the fraction of blocks with one, that are an error.
 _ALARMS, _FRACTION = 2, 0.5
 #: Deviation of the control period that contradicts it, the agreement of its bounds that it takes, and how many steps.
@@ -43,32 +47,56 @@ _MARGIN, _SLACK = 3.0, 1e-3
 _REFUTED, _NOTICED = 1e-2, 1e-8
 
 
+class _Step(NamedTuple):
+    """What was seen at one control step of B rows.
+
+    The ``observations`` (B, nx + nc), the ``actions`` (B, nu), and in which rows the step is the ``first`` (B,) of an
+    episode.
+    """
+
+    observations: Array
+    actions: Array
+    first: Bools
+
+
 @dataclass(frozen=True, eq=False)
-class Watched:
-    """Recurrent state of ``predict`` for B rows: that of the policy, and what was seen of each episode so far.
+class Seen:
+    """What was seen of the episodes of B rows so far.
 
     Args:
-        inner: the recurrent state of the policy.
-        observations: the last ones, (B, nx + nc).
-        actions: the last ones, (B, nu).
         age: control steps since the episode began, (B,); more than are watched where its beginning was not seen.
-        moved: Σ Δx², Σ Δx g̅, Σ g̅² and Σ g̅⁴ of the kinematic coordinates over the block, (B, 4, n).
-        residual: Σ of the squared scaled residuals under given and under rescaled actions over the block, (B, 2).
+        steps: the last control steps, as many as a block has.
+        over: whether no row is watched any more.
         blocks, periods, rescaled: numbers of blocks so far, and of those that contradict the period and the actions.
     """
 
-    inner: State
-    observations: Array
-    actions: Array
     age: Ints
-    moved: Array
-    residual: Array
+    steps: tuple[_Step, ...] = ()
+    over: bool = False
     blocks: int = 0
     periods: int = 0
     rescaled: int = 0
 
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Watched:
+    """Recurrent state of ``predict`` for B rows: the ``inner`` one of the policy, and what was ``seen`` so far."""
+
+    inner: State
+    seen: Seen
+
     def __len__(self) -> int:
-        return len(self.age)
+        return len(self.seen.age)
+
+    @classmethod
+    def of(cls, state: State, size: int) -> Watched:
+        """The recurrent ``state`` of ``predict`` for ``size`` rows, with what was seen.
+
+        That is nothing where there is no state, and where it is the policy's own, from an episode under way.
+        """
+        if isinstance(state, cls):
+            return state
+        return cls(state, Seen(np.full(size, 0 if state is None else LAST + 1), over=state is not None))
 
 
 class Watch:
@@ -88,19 +116,20 @@ class Watch:
         chosen = [rates[int(i)] for i in self._kinematic]
         self._rates = BatchFunction(dense_function("kinematics", [x], [ca.vertcat(*chosen)])) if chosen else None
 
-    def restarted(self, state: Watched, observations: Array, begins: Bools) -> Bools:
+    def restarted(self, seen: Seen, observations: Array, begins: Bools) -> Bools:
         """The rows (B,) in which another episode has begun, of which ``begins`` does not tell.
 
-        They began one control step before, as ``state`` says, and continue at other ``observations``, (B, nx + nc).
+        They began one control step before, as ``seen`` says, and continue at other ``observations``, (B, nx + nc).
         """
-        asked = (state.age == 1) & ~begins
+        asked = (seen.age == 1) & ~begins
         if not asked.any():
-            return np.zeros(len(observations), bool)
-        (before, context), (after, now) = (split(self.problem, each) for each in (state.observations, observations))
+            return asked
+        last = seen.steps[-1]
+        (before, context), (after, now) = (split(self.problem, each) for each in (last.observations, observations))
         box, system = self.problem.system.control, self.problem.system
         reach = np.zeros_like(before)
-        for control in (state.actions, self.problem.goal.control, box.lower, box.upper):
-            following = self._flow(before, np.broadcast_to(control, state.actions.shape), context)
+        for control in (last.actions, self.problem.goal.control, box.lower, box.upper):
+            following = self._flow(before, np.broadcast_to(control, last.actions.shape), context)
             reach = np.fmax(reach, np.abs(following - before))
         far = np.abs(system.difference(after, before)) > _MARGIN * reach + _SLACK * system.state.width
         changed = np.abs(now - context) > 1e-6 * self.problem.context.width
@@ -108,45 +137,51 @@ class Watch:
 
     def following(
         self,
-        state: State,
-        inner: State,
+        seen: Seen,
         observations: Array,
         actions: NDArray[np.float32],
         begins: Bools,
         restarted: Bools,
-    ) -> Watched:
-        """The recurrent state after ``actions`` at ``observations``, with the policy's own ``inner`` one.
+    ) -> Seen:
+        """What is ``seen`` after ``actions`` at ``observations`` as well, which may be kept.
 
-        ``state`` is the recurrent state before. Rows that ``begins`` or ``restarted`` marks are watched anew,
-        as are all where there is no state.
+        Rows that ``begins`` or ``restarted`` marks are watched anew, as are those of age 0.
 
         Raises:
             ValueError: the environment has another control period, or other actions.
         """
-        size, kinds = len(observations), len(self._kinematic)
-        observations, controls = np.array(observations, np.float64), np.array(actions, np.float64)
-        if not isinstance(state, Watched):
-            known = np.full(size, 0 if state is None else BLOCK * _BLOCKS + 1)
-            state = Watched(inner, observations, controls, known, np.zeros((size, 4, kinds)), np.zeros((size, 2)))
-        fresh = begins | restarted | (state.age == 0)
-        active = ~fresh & (state.age <= BLOCK * _BLOCKS)
-        moved, residual, done = state.moved, state.residual, active & (state.age % BLOCK == 0)
-        if active.any():
-            moved = moved + self._movement(state.observations, observations)
-            residual = residual + self._residuals(state, observations)
-        if done.any():
-            state = self._judged(state, moved[done], residual[done])
-        moved, residual = np.array(moved), np.array(residual)
-        moved[fresh | done], residual[fresh | done] = 0.0, 0.0
-        age = np.where(fresh, 1, np.minimum(state.age + 1, BLOCK * _BLOCKS + 1))
+        age = seen.age
+        first = begins | restarted | (age == 0)
+        now = _Step(observations, np.array(actions, np.float64), first)
+        done = ~first & (age <= LAST) & (age % BLOCK == 0)
+        if np.count_nonzero(done):
+            seen = self._judged(seen, *self._block((*seen.steps, now), done))
+        age = np.where(first, 1, np.minimum(age + 1, LAST + 1))
         age[restarted] = 2  # an episode restarts at most once, whatever follows
-        return replace(
-            state, inner=inner, observations=observations, actions=controls, age=age, moved=moved, residual=residual
-        )
+        over = not np.count_nonzero(age <= LAST)
+        return replace(seen, age=age, steps=() if over else (*seen.steps, now)[-BLOCK:], over=over)
 
     def _flow(self, states: Array, controls: Array, contexts: Array) -> Array:
         period = np.full((len(states), 1), self.dt)
         return np.asarray(self.problem.batch_flow(self._substeps)(states, controls, contexts, period)[0])
+
+    def _block(self, steps: Sequence[_Step], rows: Bools) -> tuple[Array, Array]:
+        """What the block of control steps that ends with the last of ``steps`` tells of m ``rows``, a mask (B,).
+
+        Σ Δx², Σ Δx g̅, Σ g̅² and Σ g̅⁴ of the kinematic coordinates, (m, 4, n), and Σ of the squared scaled residuals
+        under given and under rescaled actions, (m, 2).
+        """
+        before, after = (np.concatenate([step.observations[rows] for step in part]) for part in (steps[:-1], steps[1:]))
+        actions = np.concatenate([step.actions[rows] for step in steps[:-1]])
+        one_episode = ~np.concatenate([step.first[rows] for step in steps[1:]])
+        found = (self._movement(before, after), self._residuals(before, actions, after))
+        moved, residual = (
+            np.where(one_episode.reshape(-1, *[1] * (each.ndim - 1)), each, 0.0)
+            .reshape(len(steps) - 1, -1, *each.shape[1:])
+            .sum(axis=0)
+            for each in found
+        )
+        return moved, residual
 
     def _movement(self, before: Array, after: Array) -> Array:
         """Δx², Δx g̅, g̅² and g̅⁴ of the kinematic coordinates, (B, 4, n)."""
@@ -157,19 +192,19 @@ class Watch:
         mean = (self._rates(x)[0] + self._rates(y)[0]) / 2
         return np.stack([delta**2, delta * mean, mean**2, mean**4], axis=1)
 
-    def _residuals(self, state: Watched, after: Array) -> Array:
-        """Squared distances of the state from that under given and under rescaled actions, (B, 2)."""
-        (before, context), (now, _) = split(self.problem, state.observations), split(self.problem, after)
+    def _residuals(self, before: Array, actions: Array, after: Array) -> Array:
+        """Squared distances of the state from that under given and under rescaled ``actions``, (B, 2)."""
+        (x, context), (now, _) = split(self.problem, before), split(self.problem, after)
         box, scale = self.problem.system.control, self.problem.system.state.scale
-        rescaled = np.clip(box.lower + (state.actions + 1) * box.width / 2, box.lower, box.upper)
+        rescaled = np.clip(box.lower + (actions + 1) * box.width / 2, box.lower, box.upper)
         errors = [
-            self.problem.system.difference(now, self._flow(before, controls, context)) / scale
-            for controls in (state.actions, rescaled)
+            self.problem.system.difference(now, self._flow(x, controls, context)) / scale
+            for controls in (actions, rescaled)
         ]
         return np.stack([(error**2).sum(axis=1) for error in errors], axis=1)
 
-    def _judged(self, state: Watched, moved: Array, residual: Array) -> Watched:
-        """``state`` with the blocks of ``moved`` (m, 4, n) and ``residual`` (m, 2) counted; an error if they tell."""
+    def _judged(self, seen: Seen, moved: Array, residual: Array) -> Seen:
+        """``seen`` with the blocks of ``moved`` (m, 4, n) and ``residual`` (m, 2) counted; an error if they tell."""
         with np.errstate(all="ignore"):
             squares, products, rates, fourth = moved.swapaxes(0, 1)
             clear = (products > 0) & (products**2 > _AGREEMENT * squares * rates)
@@ -178,9 +213,9 @@ class Watch:
             wrong = clear & (np.abs(np.log(period / self.dt)) > np.log(_DEVIATION))
         given, rescaled = residual.T
         other = (given > _NOTICED) & (rescaled < _REFUTED * given)
-        blocks = state.blocks + len(moved)
-        periods = state.periods + int(wrong.any(axis=1).sum())
-        actions = state.rescaled + int(other.sum())
+        blocks = seen.blocks + len(moved)
+        periods = seen.periods + int(wrong.any(axis=1).sum())
+        actions = seen.rescaled + int(other.sum())
         if wrong.any() and periods >= max(_ALARMS, _FRACTION * blocks):
             raise ValueError(
                 f"{self.problem.id}: the observations move as in control steps of {np.median(period[wrong]):.2g} s, "
@@ -192,4 +227,4 @@ class Watch:
                 f"{self.problem.id}: the state moves as under actions rescaled from [-1, 1], expected actions in the "
                 "units of the control: run the policy without the wrapper that rescales them (policy.check(env) tells)"
             )
-        return replace(state, blocks=blocks, periods=periods, rescaled=actions)
+        return replace(seen, blocks=blocks, periods=periods, rescaled=actions)

@@ -82,8 +82,12 @@ def _alternatives(annotation: str) -> list[str]:
 
 def _any(kinds: Sequence[Kind]) -> Kind:
     def fault(value: object) -> Fault:
-        faults = [kind.fault(value) for kind in kinds]
-        return None if None in faults else ValueError if ValueError in faults else TypeError
+        found: Fault = TypeError
+        for kind in kinds:
+            if (fault := kind.fault(value)) is None:
+                return None
+            found = ValueError if fault is ValueError else found
+        return found
 
     return kinds[0] if len(kinds) == 1 else Kind(" or ".join(dict.fromkeys(kind.words for kind in kinds)), fault)
 

@@ -11,6 +11,7 @@ from gymnasium import wrappers
 import moe_policy
 from moe_policy.control.stabiliser import Stabilised, Stabiliser
 from moe_policy.control.tracking import TrackingPolicy
+from moe_policy.control.watch import BLOCK, LAST
 from ocp_envs.envs.env import Env
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problems.pendulum import PENDULUM
@@ -114,3 +115,27 @@ def test_observations_that_stand_still_raise_no_alarm():
     policy, seen, state = nearest(PENDULUM), np.array([[1.0, 0.5]], np.float32), None
     for _ in range(15):
         _, state = policy.predict(seen, state)
+
+
+def test_an_episode_is_watched_for_some_control_steps_and_the_next_one_again():
+    policy, env, state = nearest(PENDULUM), Env(PENDULUM), None
+    observation, _ = env.reset(seed=0)
+    kept = []
+    for step in range(LAST + 3):
+        action, state = policy.predict(observation, state, np.array([step == 0]))
+        observation, *_ = env.step(action)
+        kept.append(len(state.seen.steps))
+    assert kept == [*range(1, BLOCK), *[BLOCK] * (LAST - BLOCK + 1), 0, 0, 0]
+    assert state.seen.over
+    assert state.seen.blocks == LAST // BLOCK
+    _, state = policy.predict(observation, state, np.array([True]))
+    assert (state.seen.over, len(state.seen.steps), state.seen.blocks) == (False, 1, LAST // BLOCK)
+
+
+def test_what_the_caller_overwrites_is_remembered_as_it_was():
+    policy, seen = nearest(PENDULUM), np.array([[1.0, 0.5]])
+    action, state = policy.predict(seen)
+    expected = action.copy()
+    seen[:], action[:] = np.nan, np.nan
+    np.testing.assert_array_equal(state.seen.steps[-1].observations, [[1.0, 0.5]])
+    np.testing.assert_array_equal(state.seen.steps[-1].actions, expected)
