@@ -4,6 +4,9 @@ Before this file stand the function linearisation(x, u, s, h) -> [A B] of CasADi
 macros NX, NU and LINEARISATION_W. Matrices of this file are stored by rows. */
 
 #include <math.h>
+#ifndef LOCAL
+#define LOCAL /* static where other files need not see the functions */
+#endif
 
 typedef double state_matrix[NX][NX];
 
@@ -73,7 +76,7 @@ static void backwards(const double *columns, const double *q, const double *r, s
 
 /* Gains (rows, length, NU, NX) and norms (rows, length, NU, NU) before the steps of each row, at most length - 1; those
 from there on stay. Arrays as in Regulator.along; r is (rows, length - 1, NU), q (NX) and terminal (NX, NX). */
-void along(long long rows, long long length, const long long *steps, const double *states, const double *controls,
+LOCAL void along(long long rows, long long length, const long long *steps, const double *states, const double *controls,
            const double *contexts, long long context, double dt, const double *q, const double *r,
            const double *terminal, double *gains, double *norms) {
   double columns[NX * (NX + NU)], work[LINEARISATION_W + 1];

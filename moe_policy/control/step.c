@@ -3,6 +3,9 @@
 Before this file stand the macros NX, NU and NC. Matrices are stored by rows. */
 
 #include <math.h>
+#ifndef LOCAL
+#define LOCAL /* static where other files need not see the functions */
+#endif
 
 #define SWEEPS 100
 #define SETTLED 1e-9
@@ -59,7 +62,7 @@ static void control_at(const boxes *b, const tracked *t, long long at, const dou
 }
 
 /* Controls (rows, NU) at observations (rows, NX + NC), each row at the control step that its clock shows. */
-void act(long long rows, long long length, const long long *clock, const double *observations, const boxes *b,
+LOCAL void act(long long rows, long long length, const long long *clock, const double *observations, const boxes *b,
          const tracked *t, double *controls) {
   for (long long row = 0; row < rows; ++row) {
     const long long step = clock[row] < length ? clock[row] : length - 1;

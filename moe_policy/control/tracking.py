@@ -12,9 +12,13 @@ and ū is applied unchanged. Terminal regulation is thus one more row of the arr
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from moe_policy.control.export import write
 from moe_policy.control.lqr import Regulator
 from moe_policy.control.observations import split
 from moe_policy.control.policy import ModelPolicy
@@ -142,6 +146,27 @@ class TrackingPolicy(ModelPolicy):
     def _parameters(self, observations: Array) -> Array:
         """The parameters (B, np) that are read off ``observations`` (B, nx + nc)."""
         return self.problem.parameters_of(*split(self.problem, observations))
+
+    @checked
+    def to_c(self, folder: str | os.PathLike[str], name: str = "policy") -> Path:
+        """Write this policy as C: one file and its header, without allocation, for a controller that has no Python.
+
+        The functions ``<name>_start`` (plan and regulators) and ``<name>_act`` (a control step) do what :meth:`start`
+        and :meth:`act` do for one row; the header ``<name>.h`` describes them. Their controls agree to rounding for the
+        same plan; plans agree to that of single precision, in which only Python evaluates networks.
+
+        Args:
+            folder: where the files are written; it is made where it is missing.
+            name: what the names of the files and of their functions begin with, an identifier of C.
+
+        Returns:
+            the path of the C file ``<name>.c``.
+
+        Raises:
+            TypeError: the planner is no :class:`~moe_policy.planners.network.NetworkPlanner`.
+            ValueError: a name that is no identifier.
+        """
+        return write(self, Path(folder), name, ROUNDING * self.problem.duration[1])
 
     def __repr__(self) -> str:
         return f"TrackingPolicy({self.problem.id!r}, {self.planner!r}, dt={self.dt})"

@@ -49,7 +49,7 @@ def entry(program: ctypes.CDLL, name: str, arguments: str) -> Callable[..., None
     return cast("Callable[..., None]", found)
 
 
-def text(program: Sequence[Path], functions: Sequence[ca.Function], sizes: Mapping[str, int]) -> str:
+def text(program: Sequence[Path], functions: Sequence[ca.Function], sizes: Mapping[str, float]) -> str:
     """The C of ``program`` with its macros, those of ``functions`` and ``sizes`` as for :func:`library`."""
     work = {f"{function.name().upper()}_W": function.sz_w() for function in functions}
     macros = "".join(f"#define {name} {value}\n" for name, value in {**sizes, **work}.items())
@@ -61,11 +61,16 @@ def _loaded(program: str, functions: tuple[str, ...], compiler: str | None) -> c
     """The library of ``program`` and serialised ``functions``, as long as this is the ``compiler``."""
 
     def write() -> str:
-        generator = ca.CodeGenerator("functions.c")
-        for function in functions:
-            generator.add(ca.Function.deserialize(function))
+        calls = written([ca.Function.deserialize(function) for function in functions], "functions")
         # Straight-line code gains nothing from more, and takes minutes to compile.
-        calls = f'#pragma GCC push_options\n#pragma GCC optimize("O1")\n{generator.dump()}\n#pragma GCC pop_options\n'
-        return calls + program
+        return f'#pragma GCC push_options\n#pragma GCC optimize("O1")\n{calls}\n#pragma GCC pop_options\n{program}'
 
     return compiled("program", (program, functions), write, FLAGS, lambda path: ctypes.CDLL(str(path)))
+
+
+def written(functions: Sequence[ca.Function], prefix: str) -> str:
+    """The C of CasADi's ``functions``; the names of their parts begin with ``prefix``."""
+    generator = ca.CodeGenerator(f"{prefix}.c")
+    for function in functions:
+        generator.add(function)
+    return str(generator.dump())
