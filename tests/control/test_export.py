@@ -1,21 +1,19 @@
 """A policy in C does what it does in Python."""
 
-import ctypes
 import itertools
-import subprocess
 
 import numpy as np
 import pytest
 
 import moe_policy
 from moe_policy.control.tracking import TrackingPolicy
+from moe_policy.experiments.speed.exports import Exported
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import MixtureOfExperts, SingleNetwork, Softmax, outputs_of
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.problems.vehicle import VEHICLE
-from ocp_envs.support.arrays import address
 from ocp_envs.support.compiler import find_compiler
 from tests.small_problems import WALLED_INTEGRATOR
 
@@ -49,42 +47,12 @@ PLANNERS = {
 }
 
 
-class InC:
-    """A policy in C, with the memory of its state."""
-
-    def __init__(self, path, problem, length):
-        self.library = ctypes.CDLL(str(path))
-        nx, nu = problem.system.nx, problem.system.nu
-        arrays = {"states": (nx,), "controls": (nu,), "gains": (nu, nx), "norms": (nu, nu)}
-        fields = [(name, np.float64, (length, *shape)) for name, shape in arrays.items()]
-        fields += [("steps", np.int64), ("clock", np.int64), ("clipped", np.int32), ("rejected", np.int32)]
-        self.state = np.full((), 0, np.dtype(fields, align=True))
-        self.sizes = problem.flat_size, nu
-
-    def call(self, name, *arrays):
-        getattr(self.library, f"mine_{name}")(*(ctypes.c_void_p(address(array)) for array in arrays))
-
-    def plan(self, p):
-        plan = np.empty(self.sizes[0])
-        self.call("plan", np.array(p), plan)
-        return plan
-
-    def act(self, observation):
-        control = np.empty(self.sizes[1])
-        self.call("act", self.state, np.array(observation), control)
-        return control
-
-
 @pytest.fixture(scope="module", params=PLANNERS, ids=str)
 def both(request, tmp_path_factory):
     """A policy in Python and in C."""
     policy = TrackingPolicy((planner := PLANNERS[request.param]()).problem, planner)
-    path = policy.to_c(tmp_path_factory.mktemp("exported") / "new folder", "mine")
-    library = path.with_suffix(".so")
-    command = [find_compiler(), "-std=c99", "-pedantic-errors", "-O1", "-shared", "-fPIC", path, "-o", library, "-lm"]
-    subprocess.run(command, check=True)
-    length = int(np.ceil(policy.problem.duration[1] / policy.dt - 1e-6)) + 1
-    return policy, InC(library, policy.problem, length)
+    folder = tmp_path_factory.mktemp("exported") / "new folder"
+    return policy, Exported(policy, folder, ("-std=c99", "-pedantic-errors", "-O1"))
 
 
 def parameters(problem, size=12):
@@ -119,7 +87,7 @@ def test_regulators_and_control_steps_are_those_of_the_policy(both):
     for p in parameters(problem):
         plan, (_, context) = in_double(policy.planner, p), problem.start(p[None])
         tracking = policy.follow(plan, context)
-        exported.call("follow", exported.state, plan.flat()[0], p)
+        exported.follow(plan.flat()[0], p)
         state, length = exported.state, tracking.states.shape[1]
         assert state["steps"] == round(float(tracking.schedule.plan_end[0]) / policy.dt)
         assert (state["clipped"], state["rejected"]) == (tracking.schedule.clipped, tracking.schedule.rejected)
@@ -136,11 +104,11 @@ def test_regulators_and_control_steps_are_those_of_the_policy(both):
 def test_an_episode_begins_with_a_plan_and_a_wild_plan_is_rejected(both):
     policy, exported = both
     p = policy.problem.parameters.centre
-    exported.call("start", exported.state, p)
+    exported.start(p)
     by_start = exported.state.copy()
-    exported.call("follow", exported.state, exported.plan(p), p)
+    exported.follow(exported.plan(p), p)
     assert by_start == exported.state
-    exported.call("follow", exported.state, np.full(policy.problem.flat_size, np.nan), p)
+    exported.follow(np.full(policy.problem.flat_size, np.nan), p)
     assert (exported.state["steps"], exported.state["rejected"], exported.state["clipped"]) == (0, 1, 0)
     np.testing.assert_array_equal(exported.state["states"][0], policy.problem.goal.state)
 

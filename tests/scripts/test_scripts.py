@@ -31,6 +31,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
 from ocp_envs.sets.splits import InstanceSet, ProblemSets
 from ocp_envs.support import progress
+from ocp_envs.support.compiler import find_compiler
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py"))
@@ -521,6 +522,19 @@ def test_benchmark_rollout(script, run, tmp_path):
     record = read(tmp_path / f"benchmark_rollout_{PENDULUM.id}.json")
     assert record["same_successes"]
     assert record["ratio"] > 0
+
+
+@shipped
+@pytest.mark.skipif(find_compiler() is None, reason="needs a C compiler")
+def test_benchmark_export(script, run, monkeypatch, tmp_path):
+    module = script("benchmark_export")
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *arguments: None, raising=False)
+    monkeypatch.setattr(module, "PLANNERS", ("moe-auto",))  # of the pendulum alone
+    run(module, "--cases", 2, "--calls", 3, "--rounds", 1, "--results", tmp_path)
+    (row,) = read(tmp_path / "benchmark_export.json")["rows"]
+    assert row["control_difference"] < 1e-9
+    assert row["plan_difference"] < 1e-4
+    assert row["in_c"]["regulators"] > 0
 
 
 @pytest.mark.slow
