@@ -20,6 +20,9 @@ from ocp_envs.envs.simulation import Simulator as Simulator
 from ocp_envs.envs.simulation import Step as Step
 from ocp_envs.envs.vector_env import VectorEnv as VectorEnv
 from ocp_envs.expressions import Names as Names
+from ocp_envs.formulation import Formulation as Formulation
+from ocp_envs.goal import FREE as FREE
+from ocp_envs.goal import Between as Between
 from ocp_envs.goal import Goal as Goal
 from ocp_envs.goal import Modes as Modes
 from ocp_envs.goal import winding_modes as winding_modes
@@ -54,6 +57,7 @@ from ocp_envs.symmetry import Symmetry as Symmetry
 from ocp_envs.system import Box as Box
 from ocp_envs.system import Coordinate as Coordinate
 from ocp_envs.system import System as System
+from ocp_envs.terminal import TerminalSet as TerminalSet
 from ocp_envs.trajectory import Trajectory as Trajectory
 
 __version__: str

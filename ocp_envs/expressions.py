@@ -22,15 +22,17 @@ class Names(SimpleNamespace):
     Args:
         kind: what the names are called in messages, such as ``"constant"``.
         values: the values by name.
+        read: a set to which the names are added that are read; by default one of its own.
 
     A name that is not there is refused with an ``AttributeError`` that says which are; :func:`names_read` says which
     names were read.
     """
 
     @checked
-    def __init__(self, kind: str, values: Mapping[str, object]) -> None:
+    def __init__(self, kind: str, values: Mapping[str, object], read: set[str] | None = None) -> None:
         super().__init__(**values)
-        self.__dict__["/kind"], self.__dict__["/read"] = kind, set()  # no identifiers, so that no name is in the way
+        noted = set() if read is None else read
+        self.__dict__["/kind"], self.__dict__["/read"] = kind, noted  # no identifiers, so that no name is in the way
 
     def __getattribute__(self, name: str) -> Any:
         value = super().__getattribute__(name)

@@ -31,8 +31,8 @@ def infeasible_rows(problem: OptimalControlProblem, parameters: Array, goal: boo
         return reasons
     (clearance,) = problem.batch_clearances()(initial, contexts)
     _add(reasons, clearance, "knot 0, the initial state")
-    if goal:
-        targets = [np.broadcast_to(target, initial.shape) for target in problem.targets]
+    if goal and problem.terminal.fixed.all():
+        targets = np.moveaxis(problem.terminal.nearest(initial, contexts), 1, 0)
         # A final state within the tolerance of the goal may be clear where the goal is not.
         reached = np.array([np.add(*_with_reach(problem)(target, contexts)) for target in targets])
         best = reached.min(axis=2).argmax(axis=0)

@@ -7,8 +7,42 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ocp_envs.support.arrays import Array
+
 if TYPE_CHECKING:
     from ocp_envs.problem import OptimalControlProblem
+
+
+def _numeric(problem: OptimalControlProblem) -> bool:
+    return not any(callable(bound) for bound in problem.duration)
+
+
+def _digits(values: Array) -> list[str]:
+    return [f"{v:.6e}" for v in np.ravel(values)]
+
+
+def _further(problem: OptimalControlProblem, contexts: Array) -> list[object]:
+    """What a problem has beyond a single goal state, a cost rate and clearances, at ``contexts`` (B, nc).
+
+    Nothing for those that have no more, so that their fingerprints, which stand in files, stay the same.
+    """
+    terminal, parts = problem.terminal, list[object]()
+    rng = np.random.Generator(np.random.Philox(key=20190622))
+    x, u = (box.draw(rng, len(contexts)) for box in (problem.system.state, problem.system.control))
+    if not terminal.plain or problem.goal.tolerance is not None:
+        ends = [*terminal.bounds(contexts), terminal.error(x, contexts), terminal.controls(contexts)]
+        parts += [["goal", *map(_digits, ends)]]
+    if problem.terminal_cost is not None:
+        parts += [["terminal_cost", _digits(problem.batch_terminal_cost()(x, contexts)[0])]]
+    if sum(problem.n_mixed):
+        parts += [["mixed", *map(_digits, problem.batch_mixed()(x, u, contexts))]]
+    if problem.planned:
+        parts += [["planned", *sorted(problem.planned.items())]]
+    if not _numeric(problem):
+        parts += [["duration", _digits(problem.durations(contexts))]]
+    if callable(problem.parametrisation.rest):
+        parts += [["rest", _digits(problem.parametrisation.rest(contexts))]]
+    return parts
 
 
 def fingerprint(problem: OptimalControlProblem) -> str:
@@ -27,7 +61,11 @@ def fingerprint(problem: OptimalControlProblem) -> str:
         [(c.name, c.lower, c.upper, c.period) for c in box.coordinates]
         for box in (system.state, system.control, problem.parameters)
     ]
-    ends = [goal.state.tolist(), goal.radius, goal.windings.tolist()]
-    grid = problem.duration, problem.knots, problem.substeps
-    text = repr((problem.id, boxes, ends, *grid, problem.parametrisation.rest.tolist(), digits))
+    windings = goal.windings_of(system.nx).tolist()
+    ends = [problem.terminal.states(problem.context.centre[None])[0].tolist(), goal.radius, windings]
+    grid = problem.duration if _numeric(problem) else (), problem.knots, problem.substeps
+    rest = problem.parametrisation.rest
+    text = repr(
+        (problem.id, boxes, ends, *grid, [] if callable(rest) else rest.tolist(), digits, *_further(problem, s))
+    )
     return hashlib.sha256(text.encode()).hexdigest()[:16]

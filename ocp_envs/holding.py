@@ -20,6 +20,19 @@ _DECAY = -1e-4
 _RANK = 1e-9
 
 
+def check_pinned(problem: OptimalControlProblem) -> None:
+    """Refuse terminal regulation of ``problem`` where its goal is not one state in each context."""
+    terminal = problem.terminal
+    if terminal.pinned:
+        return
+    free = [name for name, fixed in zip(problem.system.state.names, terminal.fixed) if not fixed]
+    why = f"the final values of {free} are not fixed" if free else "it has alternatives or final constraints"
+    raise ValueError(
+        f"{problem.id}: hold = {problem.hold:g} s of terminal regulation needs a goal that is one state, but {why}; "
+        "declare hold=0.0, so that success is evaluated at the end of the plan"
+    )
+
+
 def check_equilibrium(problem: OptimalControlProblem, values: Array, where: Points) -> None:
     """Refuse terminal regulation of ``problem`` at a goal that is an equilibrium in none of the contexts.
 
@@ -28,7 +41,7 @@ def check_equilibrium(problem: OptimalControlProblem, values: Array, where: Poin
     """
     rates = values[:, : problem.system.nx]
     allowed = _DRIFT * problem.goal.radius / problem.hold
-    moves = np.linalg.norm(rates, axis=1) > allowed
+    moves = np.linalg.norm(rates / problem.goal.tolerance_of(rates.shape[1]), axis=1) > allowed
     if not moves.any():
         return
     row = 0 if moves.all() else int(np.flatnonzero(moves)[0])

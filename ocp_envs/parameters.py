@@ -11,6 +11,7 @@ covers a whole turn, its ends are the same state, which is written as the lower 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -40,13 +41,14 @@ class Parametrisation:
         owner: the id of the problem, for messages.
         box: of p.
         states: the box of x, for the names and the periods of its coordinates.
-        rest: initial values of the state coordinates that p does not name, (nx,).
+        rest: initial values of the state coordinates that p does not name, (nx,), or those (B, nx) as a function of the
+            contexts (B, nc).
     """
 
     owner: str
     box: Box
     states: Box
-    rest: Array
+    rest: Array | Callable[[Array], Array]
 
     @cached_property
     def context(self) -> Box:
@@ -65,9 +67,10 @@ class Parametrisation:
     def start(self, p: Array) -> tuple[Array, Array]:
         """Initial states (B, nx) and contexts (B, nc) of parameters ``p`` (B, np)."""
         in_state, slots, in_context = self.slots
-        states = np.tile(self.rest, (len(p), 1))
+        contexts = np.ascontiguousarray(p[:, in_context])
+        states = np.array(self.rest(contexts)) if callable(self.rest) else np.tile(self.rest, (len(p), 1))
         states[:, slots] = p[:, in_state]
-        return states, np.ascontiguousarray(p[:, in_context])
+        return states, contexts
 
     def parameters_of(self, states: Array, contexts: Array) -> Array:
         """Parameters (B, np) with the initial states ``states`` (B, nx) and the contexts ``contexts`` (B, nc)."""

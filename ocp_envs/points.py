@@ -39,15 +39,15 @@ def points_of(problem: OptimalControlProblem) -> tuple[Points, Points, Points]:
     Constants that parameters replace have their nominal values in the first context, if these lie in the box.
     """
     rng = np.random.Generator(np.random.Philox(key=_KEY))
-    goal, system = problem.goal, problem.system
+    terminal, system = problem.terminal, problem.system
     starts, contexts = problem.start(problem.parameters.draw(rng, _POINTS))
     contexts = contexts.copy()
     for i, c in enumerate(problem.context.coordinates):
         if c.lower <= system.constants.get(c.name, np.nan) <= c.upper:
             contexts[0, i] = system.constants[c.name]
-    held = np.tile(goal.control, (_POINTS, 1))
+    held = np.array(terminal.controls(contexts))
     inside = Points("in the box", system.state.draw(rng, _POINTS), system.control.draw(rng, _POINTS), contexts)
-    at_goal = Points("at the goal", np.tile(goal.state, (_POINTS, 1)), held, contexts)
+    at_goal = Points("at the goal", np.array(terminal.states(contexts)), held, contexts)
     return at_goal, Points("at initial states", starts, held, contexts), inside
 
 

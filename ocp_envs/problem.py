@@ -1,18 +1,22 @@
 """A parametric optimal control problem, declared once; everything else is derived from this value.
 
-    minimise    ∫_0^{t_f} L(x, u, s, c) dt      over u(·) and t_f
-    subject to  ẋ = f(x, u, c),   x(0) = x_0,   x(t_f) = goal (modulo whole turns),
-                x, u in their boxes,   h(x, s, c) ≥ 0,   t_f in its bounds
+    minimise    φ(x(t_f), s, c) + ∫_0^{t_f} L(x, u, s, c) dt      over u(·) and t_f
+    subject to  ẋ = f(x, u, c),   x(0) = x_0,   x(t_f) in the goal (modulo whole turns),
+                x, u in their boxes,   t_f in its bounds,
+                h(x, s, c) ≥ 0,   g(x, u, s, c) ≥ 0,   e(x, u, s, c) = 0
 
 The parameter p of a problem instance stands for its initial state x_0 and its *context* s, which is constant over an
 episode: ``start(p) → (x_0, s)`` and ``parameters_of(x_0, s) → p`` are inverses (:mod:`ocp_envs.parameters`). A context
 coordinate with the name of a physical constant replaces that constant.
+
+Time is a state where f, L or a constraint depends on it: a coordinate whose derivative is 1, which begins at 0 and
+whose final value is free. Likewise the integral of a constraint is a state with a bound on its final value.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
@@ -25,22 +29,31 @@ from numpy.typing import ArrayLike
 from ocp_envs import trial
 from ocp_envs.declaration import check_parts, checked_fields
 from ocp_envs.distribution import UNIFORM, Distribution
-from ocp_envs.expressions import Names, called, column, scalar
 from ocp_envs.fingerprint import fingerprint
-from ocp_envs.goal import SINGLE_MODE, Goal, Modes
+from ocp_envs.formulation import Formulation
+from ocp_envs.goal import SINGLE_MODE, Goal, Modes, OfContext
 from ocp_envs.parameters import Parametrisation
 from ocp_envs.picture import Picture
 from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.batch import BatchFunction, Linearisation, dense_function
 from ocp_envs.support.kept import kept
 from ocp_envs.symmetry import Symmetry
-from ocp_envs.system import Box, Expression, System, rk4_step
+from ocp_envs.system import Box, Expression, System
+from ocp_envs.terminal import TerminalSet
 from ocp_envs.trajectory import Trajectory, flat_size
 
 #: (state, control, context, constants) → L, one expression; context and constants are namespaces.
 CostRate = Callable[[Sequence[Expression], Sequence[Expression], SimpleNamespace, SimpleNamespace], Expression]
 #: (state, context, constants) → list of expressions that must stay ≥ 0, in metres where they are distances.
 Clearance = Callable[[Sequence[Expression], SimpleNamespace, SimpleNamespace], Sequence[Expression]]
+#: (state, control, context, constants) → list of expressions.
+MixedConstraints = Callable[
+    [Sequence[Expression], Sequence[Expression], SimpleNamespace, SimpleNamespace], Sequence[Expression]
+]
+#: (state, context, constants) → φ, one expression.
+TerminalCost = Callable[[Sequence[Expression], SimpleNamespace, SimpleNamespace], Expression]
+#: (context, constants) → one expression.
+Bound = Callable[[SimpleNamespace, SimpleNamespace], Expression]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,20 +65,27 @@ class OptimalControlProblem:
         title: the task in half a line, such as "swing a pendulum up".
         system: the controlled system.
         parameters: box of p.
-        cost_rate: L, see :data:`CostRate`.
-        goal: the goal ball and its windings.
-        duration: bounds of t_f, seconds; equal ones fix it.
+        cost_rate: L, see :data:`CostRate`, or ``None`` where there is only a terminal cost.
+        goal: where trajectories end.
+        duration: bounds of t_f, seconds, each a number or a function (context, constants) → one expression; equal
+            numbers, or twice the same function, fix it.
         knots: N, the number of knots of a trajectory, at least 2.
         substeps: Runge-Kutta steps in one interval between knots of the nonlinear program, at least 1.
         hold: seconds of terminal regulation before success is evaluated; 0 where the goal is not stabilisable.
         time_limit: seconds after which an episode of the environment is truncated, at least the longest duration.
-        rest: initial values of the state coordinates that p does not name, (nx,); by default those of the goal.
-        clearance: h, see :data:`Clearance`, or ``None`` for no path constraint.
+        rest: initial values of the state coordinates that p does not name, (nx,), by default those of the goal; or a
+            function (context, constants) → list of nx expressions.
+        clearance: h, see :data:`Clearance`, or ``None`` for no constraint on the path.
         modes: families of optimal trajectories; by default a single one.
         picture: how to draw the problem, or ``None``: plots over time only.
         distribution: of p; by default uniform over its box.
         longest_substep: maximum length of a Runge-Kutta step of the simulation, seconds.
         symmetry: a map under which the problem is invariant, or ``None``.
+        terminal_cost: φ, see :data:`TerminalCost`, or ``None``.
+        inequalities, equalities: g and e, see :data:`MixedConstraints`, or ``None``. Plans meet them at every knot with
+            the control of the interval that begins there.
+        planned: (lower, upper) of states and controls in plans, by the name of the coordinate, where plans have to keep
+            a distance from the bounds of the system, at which a simulation ends and a control is clipped.
 
     Raises:
         TypeError: an argument of another type.
@@ -81,20 +101,24 @@ class OptimalControlProblem:
     title: str
     system: System
     parameters: Box
-    cost_rate: CostRate
+    cost_rate: CostRate | None
     goal: Goal
-    duration: tuple[float, float]
+    duration: tuple[float | Bound, float | Bound]
     knots: int
     substeps: int
     hold: float
     time_limit: float
-    rest: Array | None = None
+    rest: Array | OfContext | None = None
     clearance: Clearance | None = None
     modes: Modes = SINGLE_MODE
     picture: Picture | None = None
     distribution: Distribution = UNIFORM
     longest_substep: float = 0.02
     symmetry: Symmetry | None = None
+    terminal_cost: TerminalCost | None = None
+    inequalities: MixedConstraints | None = None
+    equalities: MixedConstraints | None = None
+    planned: Mapping[str, tuple[float, float]] | None = None
 
     def __post_init__(self) -> None:
         self.__dict__.update(checked_fields(self))
@@ -108,9 +132,9 @@ class OptimalControlProblem:
 
     def __repr__(self) -> str:
         sizes = f"nx={self.system.nx}, nu={self.system.nu}, np={len(self.parameters)}, nh={self.n_clearances}"
-        shortest, longest = self.duration
+        shortest, longest = (f"{t:g}" if isinstance(t, float) else "f(s)" for t in self.duration)
         return (
-            f"OptimalControlProblem({self.id!r}, {sizes}, knots={self.knots}, t_f {shortest:g} … {longest:g} s,\n"
+            f"OptimalControlProblem({self.id!r}, {sizes}, knots={self.knots}, t_f {shortest} … {longest} s,\n"
             f"  p in {self.parameters!r},\n"
             f"  families {' | '.join(self.modes.names)})"
         )
@@ -128,9 +152,50 @@ class OptimalControlProblem:
         return Trajectory.from_flat(z, self.knots, self.system.nx, self.system.nu)
 
     @cached_property
+    def terminal(self) -> TerminalSet:
+        """The goal, evaluated for the instances of the problem."""
+        return TerminalSet(self)
+
+    @cached_property
     def targets(self) -> Array:
-        """Goal states, one for each winding, (W, nx)."""
-        return frozen_array(self.goal.state + self.goal.windings * self.system.state.periods)
+        """A state of each target of the goal in the central context, (W, nx); see :mod:`ocp_envs.terminal`."""
+        centre = self.context.centre[None]
+        return frozen_array(self.terminal.nearest(self.terminal.states(centre), centre)[0])
+
+    @cached_property
+    def planned_states(self) -> Box:
+        """The box of states in plans."""
+        return self._planned(self.system.state)
+
+    @cached_property
+    def planned_controls(self) -> Box:
+        """The box of controls in plans."""
+        return self._planned(self.system.control)
+
+    def _planned(self, box: Box) -> Box:
+        return box.narrowed({name: sides for name, sides in (self.planned or {}).items() if name in box.names})
+
+    @property
+    def fixed_time(self) -> bool:
+        """Whether the duration is given."""
+        return self.duration[0] == self.duration[1]
+
+    @cached_property
+    def longest(self) -> float:
+        """An upper bound of the durations, seconds: the time limit where they depend on the context."""
+        longest = self.duration[1]
+        return self.time_limit if callable(longest) else float(longest)
+
+    def durations(self, contexts: Array) -> Array:
+        """The shortest and the longest duration in ``contexts`` (B, nc), seconds, (B, 2)."""
+        if any(callable(bound) for bound in self.duration):
+            return np.asarray(self._durations()(contexts)[0])
+        return np.broadcast_to(np.array(self.duration, dtype=np.float64), (len(contexts), 2))
+
+    @kept
+    def _durations(self) -> BatchFunction:
+        _, _, s = self.symbols()
+        return BatchFunction(dense_function("durations", [s], [self.formulation.durations(s)]))
 
     @cached_property
     def n_clearances(self) -> int:
@@ -142,7 +207,15 @@ class OptimalControlProblem:
     def parametrisation(self) -> Parametrisation:
         """The map between p and (x_0, s)."""
         rest = self.goal.state if self.rest is None else self.rest
-        return Parametrisation(self.id, self.parameters, self.system.state, rest)
+        return Parametrisation(self.id, self.parameters, self.system.state, self._rest if callable(rest) else rest)
+
+    def _rest(self, contexts: Array) -> Array:
+        return np.asarray(self._rest_function()(contexts)[0])
+
+    @kept
+    def _rest_function(self) -> BatchFunction:
+        _, _, s = self.symbols()
+        return BatchFunction(dense_function("rest", [s], [self.formulation.rest(s)]))
 
     @property
     def context(self) -> Box:
@@ -182,67 +255,34 @@ class OptimalControlProblem:
         """Parameters (B, np) with the initial states ``states`` (B, nx) and the contexts ``contexts`` (B, nc)."""
         return self.parametrisation.parameters_of(states, contexts)
 
-    def goal_error(self, states: Array) -> Array:
-        """‖x − goal‖ of states (..., nx), with the shortest difference in periodic coordinates; (...)."""
-        return np.asarray(np.linalg.norm(self.system.difference(states, self.goal.state), axis=-1))
+    def goal_error(self, states: Array, contexts: Array | None = None) -> Array:
+        """The distance of ``states`` (..., nx) from the goal in ``contexts`` (..., nc), (...): ‖x − goal‖.
 
-    def namespaces(self, s: Expression) -> tuple[Names, Names, dict[str, Expression]]:
-        """Context and constants of a column ``s`` (nc, 1) by name, and those of the context that replace constants."""
-        context = dict(zip(self.context.names, ca.vertsplit(s))) if len(self.context) else {}
-        replaced = {name: value for name, value in context.items() if name in self.system.constants}
-        return Names("context coordinate", context), Names("constant", {**self.system.constants, **replaced}), replaced
+        Periodic coordinates have the shortest difference; of a goal that is no single state the distance is that of
+        :mod:`ocp_envs.terminal`. Without contexts the goal is that of the central one.
+        """
+        return self.terminal.error(states, self.context.centre if contexts is None else contexts)
+
+    @cached_property
+    def formulation(self) -> Formulation:
+        """The functions of the problem as CasADi expressions."""
+        return Formulation(self)
 
     def rate(self, x: Expression, u: Expression, s: Expression) -> Expression:
-        """(ẋ, L) as one expression, (nx + 1, 1), in columns x (nx, 1), u (nu, 1), s (nc, 1).
+        """(ẋ, L) as one expression, (nx + 1, 1), in columns ``x`` (nx, 1), ``u`` (nu, 1) and ``s`` (nc, 1).
 
         Raises:
             ValueError: dynamics or a cost rate that fail, or return something else.
         """
-        context, constants, _ = self.namespaces(s)
-        return self.rate_of(x, u, context, constants)
-
-    def rate_of(self, x: Expression, u: Expression, context: Names, constants: Names) -> Expression:
-        """(ẋ, L) of ``x`` and ``u`` as :meth:`rate`, with ``context`` and ``constants`` by name."""
-        what, signature = f"{self.id}: cost_rate", "state, control, context, constants"
-        cost = called(what, signature, self.cost_rate, ca.vertsplit(x), ca.vertsplit(u), context, constants)
-        return ca.vertcat(self.system.derivative_of(x, u, constants), scalar(what, cost))
+        return self.formulation.rate(x, u, s)
 
     def clearances(self, x: Expression, s: Expression) -> Expression:
-        """h, (nh, 1), as an expression in columns x (nx, 1) and s (nc, 1); empty without path constraints.
+        """h, (nh, 1), as an expression in columns ``x`` (nx, 1) and ``s`` (nc, 1); empty without path constraints.
 
         Raises:
             ValueError: a clearance that fails, or returns something else than a list of expressions.
         """
-        context, constants, _ = self.namespaces(s)
-        return self.clearances_of(x, context, constants)
-
-    def clearances_of(self, x: Expression, context: Names, constants: Names) -> Expression:
-        """h of ``x`` as :meth:`clearances`, with ``context`` and ``constants`` by name."""
-        if self.clearance is None:
-            return type(x)(0, 1)
-        what = f"{self.id}: clearance"
-        return column(
-            what, called(what, "state, context, constants", self.clearance, ca.vertsplit(x), context, constants)
-        )
-
-    def flow(
-        self, x: Expression, u: Expression, s: Expression, h: Expression, substeps: int, disturbance: Expression = 0
-    ) -> tuple[Expression, Expression]:
-        """The state after ``h`` seconds and the cost of the step: the Runge-Kutta map of simulator and solver.
-
-        Args:
-            x, u, s: columns of state, control and context; the control is constant over the step.
-            h: seconds.
-            substeps: number of equal Runge-Kutta steps.
-            disturbance: (nx, 1), added to ẋ.
-        """
-
-        def derivative(y: Expression) -> Expression:
-            rate = self.rate(y[: self.system.nx], u, s)
-            return rate + ca.vertcat(disturbance, 0) if not isinstance(disturbance, int) else rate
-
-        y = rk4_step(derivative, ca.vertcat(x, 0), h, substeps)
-        return y[: self.system.nx], y[self.system.nx]
+        return self.formulation.clearances(x, s)
 
     def symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Fresh columns (x, u, s)."""
@@ -261,15 +301,38 @@ class OptimalControlProblem:
     def batch_flow(self, substeps: int) -> BatchFunction:
         """The function (x, u, s, h (B, 1)) → (x⁺ (B, nx), cost (B, 1)) of steps in ``substeps`` Runge-Kutta steps."""
         (x, u, s), h = self.symbols(), ca.SX.sym("h")
-        return BatchFunction(dense_function("flow", [x, u, s, h], list(self.flow(x, u, s, h, substeps))))
+        return BatchFunction(dense_function("flow", [x, u, s, h], list(self.formulation.flow(x, u, s, h, substeps))))
 
     @kept
     def batch_linearisation(self, substeps: int) -> Linearisation:
         """The function (x, u, s, h (B, 1)) → A (B, nx, nx), B (B, nx, nu), derivatives of ``batch_flow(substeps)``."""
         (x, u, s), h = self.symbols(), ca.SX.sym("h")
-        following, _ = self.flow(x, u, s, h, substeps)
+        following, _ = self.formulation.flow(x, u, s, h, substeps)
         jacobian = ca.jacobian(following, ca.vertcat(x, u))
         return Linearisation(BatchFunction(dense_function("linearisation", [x, u, s, h], [jacobian])))
+
+    @cached_property
+    def n_mixed(self) -> tuple[int, int]:
+        """Number of constraints on states and controls, those ≥ 0 and those = 0."""
+        inequalities, equalities = self.formulation.mixed(*self.symbols())
+        return int(inequalities.shape[0]), int(equalities.shape[0])
+
+    @property
+    def constrained(self) -> bool:
+        """Whether there are constraints on the path."""
+        return bool(self.n_clearances or sum(self.n_mixed))
+
+    @kept
+    def batch_mixed(self) -> BatchFunction:
+        """The function (x, u, s) → constraints on states and controls, those ≥ 0 (B, ng) and those = 0 (B, ne)."""
+        x, u, s = self.symbols()
+        return BatchFunction(dense_function("mixed", [x, u, s], list(self.formulation.mixed(x, u, s))))
+
+    @kept
+    def batch_terminal_cost(self) -> BatchFunction:
+        """The function (x, s) → φ (B, 1)."""
+        x, _, s = self.symbols()
+        return BatchFunction(dense_function("terminal_cost", [x, s], [self.formulation.terminal_cost(x, s)]))
 
     @kept
     def batch_clearances(self) -> BatchFunction:

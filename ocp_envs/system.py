@@ -155,6 +155,30 @@ class Box:
         """Periods, 0 where the coordinate does not repeat; shape (n,)."""
         return frozen_array([c.period or 0.0 for c in self.coordinates])
 
+    def narrowed(self, sides: Mapping[str, tuple[float, float]]) -> Box:
+        """This box with the bounds ``sides``, (lower, upper) by the name of the coordinate; without any, this box.
+
+        Raises:
+            ValueError: a name that is none of its coordinates, or bounds that are not in order or not inside.
+        """
+        if not sides:
+            return self
+        for name, (lower, upper) in sides.items():
+            c = self.coordinates[self.names.index(name)] if name in self.names else None
+            if c is None or not c.lower <= lower < upper <= c.upper:
+                within = "" if c is None else f" within [{c.lower:g}, {c.upper:g}] {c.unit}"
+                raise ValueError(
+                    f"expected lower < upper{within} of one of {list(self.names)}, got {name} = {lower, upper}"
+                )
+        return Box(
+            tuple(
+                dataclasses.replace(c, lower=float(sides[c.name][0]), upper=float(sides[c.name][1]))
+                if c.name in sides
+                else c
+                for c in self.coordinates
+            )
+        )
+
     def contains(self, values: Array, tolerance: float = 0.0) -> NDArray[np.bool_]:
         """Whether each row of ``values`` (..., n) is in the box widened by ``tolerance`` × its width (NaN never is)."""
         margin = tolerance * self.width

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import casadi as ca
 import numpy as np
 
-from ocp_envs.expressions import names_read
-from ocp_envs.holding import check_equilibrium, check_stabilisable
+from ocp_envs.holding import check_equilibrium, check_pinned, check_stabilisable
 from ocp_envs.points import Points, points_of, warn
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.batch import BatchFunction, dense_function
@@ -30,7 +29,8 @@ if TYPE_CHECKING:
 class Functions:
     """ẋ, L and h of a problem as one column ``values`` of the symbols ``x``, ``u`` and ``s``, with a name for each.
 
-    ``read`` are the names of the constants that the declaration reads.
+    ``ends`` is what the goal, the duration and the initial values say, in ``x`` and ``s``. ``read`` are the names of
+    the constants that the declaration reads.
     """
 
     names: tuple[str, ...]
@@ -38,17 +38,28 @@ class Functions:
     u: Expression
     s: Expression
     values: Expression
+    ends: Expression
     read: frozenset[str]
 
     @classmethod
     def of(cls, problem: OptimalControlProblem) -> Functions:
         """Those of ``problem``; a ``ValueError`` says which of them fails, or returns something else."""
         x, u, s = problem.symbols()
-        context, constants, _ = problem.namespaces(s)
-        parts = [problem.rate_of(x, u, context, constants), problem.clearances_of(x, context, constants)]
-        names = [f"dynamics: the derivative of {name!r}" for name in problem.system.state.names]
-        names += ["cost_rate", *(f"clearance: component {i}" for i in range(parts[1].shape[0]))]
-        return cls(tuple(names), x, u, s, ca.vertcat(*parts), frozenset(names_read(constants)))
+        formulation = problem.formulation
+        context, constants, _ = formulation.namespaces(s)
+        parts = [formulation.rate_of(x, u, context, constants), formulation.clearances_of(x, context, constants)]
+        names = [f"dynamics: the derivative of {name!r}" for name in problem.system.state.names] + ["cost_rate"]
+        others = dict(zip(("inequalities", "equalities"), formulation.mixed_of(x, u, context, constants)))
+        for name, part in {"clearance": parts[1], **others}.items():
+            names += [f"{name}: component {i}" for i in range(part.shape[0])]
+        parts += others.values()
+        if problem.terminal_cost is not None:
+            names.append("terminal_cost")
+            parts.append(formulation.terminal_cost_of(x, context, constants))
+        ends = [problem.terminal.expression(x, s), formulation.durations(s)]
+        if callable(problem.rest):
+            ends.append(formulation.rest(s))
+        return cls(tuple(names), x, u, s, ca.vertcat(*parts), ca.vertcat(*ends), formulation.constants_read)
 
     def evaluate(self, *sets: Points) -> list[tuple[Array, Array]]:
         """Values (M, m) and derivatives with respect to (x, u), (M, m, nx + nu), at each set of points."""
@@ -103,7 +114,7 @@ def check_reads(problem: OptimalControlProblem, functions: Functions) -> None:
     system = problem.system
     known = [*system.state.names, *system.constants]
     if len(problem.context):
-        read = ca.which_depends(functions.values, functions.s, 1, False)
+        read = ca.which_depends(ca.vertcat(functions.values, functions.ends), functions.s, 1, False)
         for name in (name for name, used in zip(problem.context.names, read) if not used):
             others = [each for each in known if each not in problem.parameters.names]
             raise ValueError(
@@ -113,7 +124,7 @@ def check_reads(problem: OptimalControlProblem, functions: Functions) -> None:
             )
     unread = [name for name in system.constants if name not in functions.read]
     if unread:
-        warn(f"{problem.id}: neither dynamics, cost_rate nor clearance reads the constants {unread}; remove them")
+        warn(f"{problem.id}: none of the functions reads the constants {unread}; remove them")
 
 
 def check_clear(problem: OptimalControlProblem, values: Array) -> None:
@@ -121,8 +132,9 @@ def check_clear(problem: OptimalControlProblem, values: Array) -> None:
 
     The ``values`` (M, m) of its functions are those at the goal.
     """
-    for i, h in enumerate(values[0, problem.system.nx + 1 :]):
-        if not len(problem.context) and h < 0:
+    first = problem.system.nx + 1
+    for i, h in enumerate(values[0, first : first + problem.n_clearances]):
+        if not len(problem.context) and problem.terminal.pinned and h < 0:
             raise ValueError(
                 f"{problem.id}: the goal violates the path constraint, clearance component {i} is {h:g} there, and has "
                 "to be ≥ 0; move the goal or the constraint"
@@ -136,8 +148,8 @@ def check_modes(problem: OptimalControlProblem) -> None:
     starts, _ = problem.start(p)
     progress = np.linspace(0.0, 1.0, knots)[:, None]
     states = starts[:, None] + progress * (problem.targets - starts)[:, None]
-    controls = np.tile(problem.goal.control, (count, knots - 1, 1))
-    lines = Trajectory(states, controls, np.full(count, problem.duration[1]))
+    held = problem.terminal.controls(problem.start(p)[1])
+    lines = Trajectory(states, np.repeat(held[:, None], knots - 1, axis=1), np.full(count, problem.longest))
     problem.modes.of(problem, p, lines, np.zeros((count, knots, problem.n_clearances)))
 
 
@@ -163,6 +175,7 @@ def check(problem: OptimalControlProblem, nominal: bool = True) -> None:
     check_reads(problem, functions)
     check_clear(problem, at_goal)
     if problem.hold > 0:
+        check_pinned(problem)
         check_equilibrium(problem, at_goal, sets[0])
         check_stabilisable(problem, derivatives)
     check_modes(problem)

@@ -32,6 +32,8 @@ WINGS = {
         "tables",
         "distribution",
         "parameters",
+        "formulation",
+        "terminal",
         "fingerprint",
         "points",
         "holding",

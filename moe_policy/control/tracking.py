@@ -87,10 +87,9 @@ class TrackingPolicy(ModelPolicy):
         """The recurrent state before the first control step of the B plans in ``plan``, in ``contexts`` (B, nc)."""
         self._check(plan, len(contexts))
         problem, rejected = self.problem, ~plan.finite
-        margin = ROUNDING * problem.duration[1]
-        clipped = ~rejected & (plan.duration < problem.duration[0] - margin)
-        clipped |= ~rejected & (plan.duration > problem.duration[1] + margin)
-        plan = self._into_boxes(plan, rejected)
+        margin, (shortest, longest) = ROUNDING * problem.longest, problem.durations(contexts).T
+        clipped = ~rejected & ((plan.duration < shortest - margin) | (plan.duration > longest + margin))
+        plan = self._into_boxes(plan, contexts, rejected)
         reference = self._resample(plan, contexts)
         # Between wild knots the interpolation overshoots, out of the box and into singularities of the dynamics.
         box = problem.system.state
@@ -101,7 +100,11 @@ class TrackingPolicy(ModelPolicy):
 
         after = np.arange(gains.shape[1]) >= steps[:, None]
         controls = padded(reference.controls, gains.shape[1])
-        states[after], controls[after] = problem.goal.state, problem.goal.control
+        ends, held = problem.terminal.states(contexts), problem.terminal.controls(contexts)
+        states, controls = (
+            np.where(after[..., None], ends[:, None], states),
+            np.where(after[..., None], held[:, None], controls),
+        )
         gains[after], norms[after] = self.regulator.hold, self.regulator.hold_norm
         plan_end = steps * self.dt
         knot_step = np.where(rejected, np.nan, plan.step)
@@ -117,17 +120,17 @@ class TrackingPolicy(ModelPolicy):
                 f"{self.problem.id}: the planner must return {wanted}, got {got[0]} of {got[1]} and {got[2]}"
             )
 
-    def _into_boxes(self, plan: Trajectory, rejected: Bools) -> Trajectory:
+    def _into_boxes(self, plan: Trajectory, contexts: Array, rejected: Bools) -> Trajectory:
         """The plans clipped to the boxes of the problem; rejected ones replaced by the shortest stay at the goal."""
-        problem = self.problem
-        row = rejected[:, None, None]
-        states = np.where(row, problem.goal.state, plan.states)
-        controls = np.where(row, problem.goal.control, plan.controls)
-        duration = np.where(rejected, problem.duration[0], plan.duration)
+        problem, terminal = self.problem, self.problem.terminal
+        row, (shortest, longest) = rejected[:, None, None], problem.durations(contexts).T
+        states = np.where(row, terminal.states(contexts)[:, None], plan.states)
+        controls = np.where(row, terminal.controls(contexts)[:, None], plan.controls)
+        duration = np.where(rejected, shortest, plan.duration)
         return Trajectory(
             np.clip(states, problem.system.state.lower, problem.system.state.upper),
             np.clip(controls, problem.system.control.lower, problem.system.control.upper),
-            np.clip(duration, *problem.duration),
+            np.clip(duration, shortest, longest),
         )
 
     def schedule(self, state: State) -> Schedule:

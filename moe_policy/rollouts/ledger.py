@@ -73,7 +73,11 @@ class Ledger:
         size, unknown = len(states), np.full(len(states), np.nan)
         self.problem, self.dt, self.steps, self.schedule = problem, dt, steps, schedule
         self.running = np.ones(size, bool)
-        self._error: Array = problem.goal_error(states)
+        self.contexts = contexts
+        self._error: Array = problem.goal_error(states, contexts)
+        self._earliest = np.zeros(size, np.int64)
+        if problem.fixed_time:
+            self._earliest = np.minimum(count_steps(problem.durations(contexts)[:, 1], dt), steps)
         self._success, self._left_box = np.zeros(size, bool), np.zeros(size, bool)
         self._cost = np.zeros(size)
         self._final_error, self._plan_end_error = unknown.copy(), unknown.copy()
@@ -91,7 +95,7 @@ class Ledger:
         ``cost`` (B,) is ∫L dt over it; ``left_box`` (B,) marks the episodes that left the operating box in it.
         """
         running = self.running.copy()
-        self._error = self.problem.goal_error(after)
+        self._error = self.problem.goal_error(after, self.contexts)
         self._violations.add(step, running, before, after)
         counted = running & (self._entry < 0)
         self._cost[counted] += cost[counted]
@@ -100,9 +104,14 @@ class Ledger:
         self._evaluation[left] = step
         self._plan_end[left & (self._plan_end > step)] = step
         self._note(step, (self._error < self.problem.goal.radius) & ~left_box)
+        if self.problem.terminal_cost is not None:
+            ends = (counted & ~left_box) & ((self._entry == step) | ((self._entry < 0) & (self._evaluation == step)))
+            (terminal,) = self.problem.batch_terminal_cost()(after, self.contexts)
+            self._cost[ends] += terminal[ends, 0]
 
     def _note(self, step: int, inside: Bools) -> None:
         """Note what happens at ``step``: the first entry, the plan's end, the evaluation."""
+        inside = inside & (step >= self._earliest)
         entered = self.running & inside & (self._entry < 0)
         self._entry[entered] = step
         if self.schedule is None:

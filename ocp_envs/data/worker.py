@@ -102,16 +102,16 @@ def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.
     They are made of trajectories ``z`` (B, flat_size) of other instances, or of fits through these, clipped to the
     boxes of states, controls and duration.
     """
-    guess, state, control = problem.unflatten(z), problem.system.state, problem.system.control
+    guess, state, control = problem.unflatten(z), problem.planned_states, problem.planned_controls
     states = np.clip(guess.states, state.lower, state.upper)
-    states[:, 0] = problem.start(parameters)[0]
+    states[:, 0], contexts = problem.start(parameters)
     controls = np.clip(guess.controls, control.lower, control.upper)
-    return Trajectory(states, controls, np.clip(guess.duration, *problem.duration))
+    return Trajectory(states, controls, np.clip(guess.duration, *problem.durations(contexts).T))
 
 
 def _every_winding(problem: OptimalControlProblem, rows: Ints) -> tuple[Ints, Ints]:
     """Row and winding of a solve of each of ``rows`` to each winding of the goal."""
-    count = len(problem.targets)
+    count = len(problem.terminal)
     return np.repeat(rows, count), np.tile(np.arange(count), len(rows))
 
 

@@ -192,16 +192,19 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
                 f"{self.problem.id}: expected a finite action, got {control[0]}; look for a NaN in what computed it"
             )
         self._plant.advance(control, _ROW, self._normal)
-        cost, reached, left_box = step.cost.item(), step.reached.item() > 0, step.left_box.item() > 0
-        if left_box:
-            cost = float(options.charge(self._steps))
-        info: Info = {"parameters": self.parameters, "is_success": reached, "cost": cost}
-        info["failure"] = LEFT_BOX if left_box else ""
-        if options.problem.n_clearances:
-            info["violation"] = step.violation.item()
         self._steps += 1
+        cost, left_box = step.cost.item(), step.left_box.item() > 0
+        reached = step.reached.item() > 0 and self._steps >= self._plant.earliest.item()
         terminated = left_box or (reached and options.terminate_at_goal)
         truncated = not terminated and self._steps >= options.max_steps
+        if left_box:
+            cost = float(options.charge(self._steps - 1))
+        elif (terminated or truncated) and options.problem.terminal_cost is not None:
+            cost += float(np.sum(self._plant.terminal_cost(np.ones(1, dtype=np.bool_))))
+        info: Info = {"parameters": self.parameters, "is_success": reached, "cost": cost}
+        info["failure"] = LEFT_BOX if left_box else ""
+        if options.problem.constrained:
+            info["violation"] = step.violation.item()
         self._over = terminated or truncated
         if self.render_mode is not None:
             self._pictures.record(_ROW, np.array([cost]))

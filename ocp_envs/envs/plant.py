@@ -18,6 +18,7 @@ from ocp_envs.envs.specification import completed
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.batch import BatchFunction
+from ocp_envs.support.clock import count_steps
 
 #: Index of all rows: basic indexing is faster than that by an array of integers.
 ALL = slice(None)
@@ -38,6 +39,8 @@ class Plant:
         self.rows = rows
         self.step = options.simulator.control_step(rows, options.disturbed)
         self.parameters = np.zeros((rows, len(options.problem.parameters)))
+        # Where the duration is given, the goal counts from that time on.
+        self.earliest = np.zeros(rows, dtype=np.int64)
         # Of shape (1, nx): with a single row nothing has to be broadcast.
         box = options.problem.system.state
         self._lower, self._upper = box.lower[None], box.upper[None]
@@ -77,18 +80,34 @@ class Plant:
         index = ALL if len(rows) == self.rows else rows
         self.step.state[index], self.step.context[index] = self.options.problem.start(parameters)
         self.parameters[index] = parameters
+        problem, contexts = self.options.problem, self.step.context[index]
+        if problem.fixed_time:
+            self.earliest[index] = count_steps(problem.durations(contexts)[:, 1], self.options.dt)
         for controls in self._late:
-            controls[index] = self.options.problem.goal.control
+            controls[index] = problem.terminal.controls(contexts)
 
     def inside_goal(self, rows: Ints) -> Bools:
-        """Whether the states of ``rows`` are in the goal ball, (len(rows),)."""
+        """Whether the states of ``rows`` are in the goal ball as episodes begin, (len(rows),)."""
         problem = self.options.problem
-        return np.asarray(problem.goal_error(self.step.state[rows]) < problem.goal.radius)
+        error = problem.goal_error(self.step.state[rows], self.step.context[rows])
+        return np.asarray((error < problem.goal.radius) & (self.earliest[rows] == 0))
+
+    def terminal_cost(self, rows: Bools) -> Array | float:
+        """φ at the present states of the ``rows`` (rows,) whose episodes end, 0 in the others; 0 without φ."""
+        problem = self.options.problem
+        if problem.terminal_cost is None or not rows.any():
+            return 0.0
+        (cost,) = self.options.simulator.problem.batch_terminal_cost()(self.step.state, self.step.context)
+        return np.where(rows, cost[:, 0], 0.0)
+
+    def safe_controls(self) -> Array:
+        """The control at the goal in the contexts of the episodes, (rows, nu)."""
+        return self.options.problem.terminal.controls(self.step.context)
 
     def violation(self, rows: Ints) -> Array | None:
         """Violation of the path constraints in the states of ``rows``, (len(rows),); ``None`` without constraints."""
         if self._clearances is None:
-            return None
+            return np.zeros(len(rows)) if self.options.problem.constrained else None
         (clearances,) = self._clearances(self.step.state[rows], self.step.context[rows])
         return np.asarray(np.maximum(0.0, -clearances.min(axis=1)))
 

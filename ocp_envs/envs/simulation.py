@@ -66,21 +66,29 @@ def _clip(values: ca.SX, box: Box) -> ca.SX:
     return ca.fmin(ca.fmax(values, ca.DM(box.lower)), ca.DM(box.upper))
 
 
+def _violation(problem: OptimalControlProblem, x: ca.SX, u: ca.SX, s: ca.SX, following: ca.SX) -> ca.SX:
+    """By how much a step under ``u`` from ``x`` to ``following`` in the context ``s`` violates a path constraint most.
+
+    Those on the state are evaluated at its end, those on state and control at its beginning.
+    """
+    inequalities, equalities = problem.formulation.mixed(x, _clip(u, problem.system.control), s)
+    lacking = ca.vertcat(-problem.clearances(following, s), -inequalities, ca.fabs(equalities))
+    return ca.fmax(0, ca.mmax(lacking)) if lacking.numel() else ca.SX(0)
+
+
 @lru_cache(maxsize=32)
 def _step_function(problem: OptimalControlProblem, dt: float, substeps: int, disturbed: bool) -> ca.Function:
     """(x, u, s[, w]) → (next x, [cost, violation, reached, left the box]): one control step."""
     system = problem.system
     x, u, s = problem.symbols()
     w = ca.SX.sym("w", system.nx)
-    following, cost = problem.flow(x, _clip(u, system.control), s, dt, substeps, w if disturbed else 0)
+    following, cost = problem.formulation.flow(x, _clip(u, system.control), s, dt, substeps, w if disturbed else 0)
     inside = ca.fabs(cost) < np.inf
     for i, coordinate in enumerate(system.state.coordinates):
         inside = ca.logic_and(inside, ca.logic_and(following[i] >= coordinate.lower, following[i] <= coordinate.upper))
-    error = system.difference(following, ca.SX(problem.goal.state))
-    reached = ca.logic_and(inside, ca.sumsqr(error) < problem.goal.radius**2)
+    reached = ca.logic_and(inside, problem.terminal.squared_error(following, s) < problem.goal.radius**2)
     following = _clip(following, system.state)
-    clearances = problem.clearances(following, s)
-    violation = ca.fmax(0, -ca.mmin(clearances)) if problem.n_clearances else ca.SX(0)
+    violation = _violation(problem, x, u, s, following)
     limit = abs(largest_cost_rate(problem)) * dt
     cost = ca.if_else(inside, cost, ca.fmax(ca.fmin(cost, limit), -limit))
     inputs = [x, u, s, w] if disturbed else [x, u, s]
@@ -97,7 +105,7 @@ class Step:
         states: next states, inside the operating box, (B, nx).
         cost: ∫L dt over the step, (B,).
         reached: whether the next state is inside the goal ball, (B,).
-        violation: max(0, −smallest clearance) at the next state, in the clearance's unit, (B,).
+        violation: of the path constraints, see :func:`_violation`, in their unit, (B,).
         left_box: whether the state left the operating box and was clipped, (B,).
     """
 

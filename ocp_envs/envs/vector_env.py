@@ -104,14 +104,15 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self._truncated = np.zeros(num_envs, dtype=np.bool_)
         self._all = np.arange(num_envs)
         self._begun = False
-        self._outcome = Outcome.none(num_envs, len(problem.parameters), problem.n_clearances > 0)
+        self._outcome = Outcome.none(num_envs, len(problem.parameters), problem.constrained)
+        self._running_cost = self._outcome.cost
         self._given = np.zeros((num_envs, problem.system.nu))
         self._pictures = Pictures(self._plant)
 
     @property
     def costs(self) -> Array:
-        """Costs of the last control step as in ``info["cost"]``, which no wrapper changes, (num_envs,)."""
-        return self._outcome.cost.copy()
+        """Costs of the last control step without a terminal cost, which no wrapper changes, (num_envs,)."""
+        return self._running_cost.copy()
 
     @property
     def left_box(self) -> Bools:
@@ -153,7 +154,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self._generators.seed(seed, rows)
         begun = np.zeros(self.num_envs, dtype=np.bool_)
         begun[rows] = True
-        none = Outcome.none(self.num_envs, len(self.problem.parameters), self.problem.n_clearances > 0)
+        none = Outcome.none(self.num_envs, len(self.problem.parameters), self.problem.constrained)
         info = none.replaced(begun, self._begin(rows, None if p is None else p[rows])).info(begun)
         self._begun = True
         self._pictures.update()
@@ -200,7 +201,9 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
             raise ResetNeeded("no episode has begun: call reset() before step()")
         self._given = controls_of(self.problem, actions, self._plant.step.control.shape)
         invalid = nan_rows(self._given)
-        controls = np.where(invalid[:, None], self.problem.goal.control, self._given) if invalid.any() else self._given
+        controls = (
+            np.where(invalid[:, None], self._plant.safe_controls(), self._given) if invalid.any() else self._given
+        )
         over = self._terminated | self._truncated
         moving = ~over
         rows = np.flatnonzero(moving) if over.any() else self._all
@@ -223,16 +226,19 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
     def _conclude(self, moving: Bools, invalid: Bools) -> Outcome:
         """Charge the ``moving`` rows that left the box, and note which episodes ended; ``invalid`` actions are NaN."""
         step, options = self._plant.step, self.options
-        reached = (step.reached > 0) & moving
+        self._steps += moving
+        reached = (step.reached > 0) & moving & (self._steps >= self._plant.earliest)
         left_box = (step.left_box > 0) & moving
         cost = np.where(moving, step.cost, 0.0)
         if left_box.any():
-            cost[left_box] = options.charge(self._steps[left_box])
-        self._steps += moving
+            cost[left_box] = options.charge(self._steps[left_box] - 1)
+        self._running_cost = cost
         terminated = left_box | reached if options.terminate_at_goal else left_box
         self._terminated |= terminated
-        self._truncated |= moving & ~terminated & (self._steps >= options.max_steps)
-        violation = step.violation.copy() if self.problem.n_clearances else None
+        truncated = moving & ~terminated & (self._steps >= options.max_steps)
+        self._truncated |= truncated
+        cost = cost + self._plant.terminal_cost((terminated & ~left_box) | truncated)
+        violation = step.violation.copy() if self.problem.constrained else None
         return Outcome(self.parameters, reached, cost, left_box, violation, invalid & moving)
 
     def show_plan(self, plans: Trajectory) -> None:

@@ -131,8 +131,8 @@ def solve_free(problem: OptimalControlProblem, parameters: Array, solver: Guarde
     for fraction in _DURATIONS:
         windings = np.zeros(len(unsolved), np.int64)
         line = guesses(free, parameters[unsolved], windings, np.random.default_rng(0), "line")
-        duration = max(fraction * free.duration[1], free.duration[0])
-        line = dataclasses.replace(line, duration=np.full(len(unsolved), duration))
+        shortest, longest = free.durations(free.start(parameters[unsolved])[1]).T
+        line = dataclasses.replace(line, duration=np.maximum(fraction * longest, shortest))
         solutions = solver.solve(parameters[unsolved], line, windings)
         flat[unsolved] = solutions.trajectory.flat()
         unsolved = unsolved[~solutions.solved]

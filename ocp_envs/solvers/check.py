@@ -29,7 +29,7 @@ class Check:
     defect: Array  #: error of the initial state and of x_{k+1} − F(x_k, u_k)
     goal: Array  #: distance of a final coordinate from the goal, modulo whole turns
     bounds: Array  #: excess over a bound of state, control or duration
-    path: Array  #: violation of the path constraint at the knots
+    path: Array  #: violation of the constraints on path and end, at the knots
     cost: Array
     passed: Bools
 
@@ -43,7 +43,8 @@ def verify(
     """
     found, total = residuals(problem, parameters, trajectory)
     largest = {name: amount.max(axis=(1, 2), initial=0.0) for name, amount in found.items()}
-    defect, goal, path = largest["dynamics"], largest["goal"], largest["clearance"]
+    defect, goal = largest["dynamics"], largest["goal"]
+    path = np.max([largest[name] for name in ("clearance", "mixed", "final")], axis=0)
     bounds = np.maximum(np.maximum(largest["state"], largest["control"]), largest["duration"])
     passed = (defect <= DEFECT_TOLERANCE) & (goal <= GOAL_TOLERANCE)
     passed &= (bounds <= BOUND_TOLERANCE) & (path <= BOUND_TOLERANCE) & np.isfinite(total)
@@ -59,8 +60,8 @@ def residuals(
 
     They belong to instances of ``problem`` with ``parameters`` (B, np). Violations have the shape (B, knots,
     components), in scaled units (those of the duration as a fraction of the longest one) or in the unit of the
-    clearance. "dynamics", "state" and "clearance" have all knots, the initial condition being part of "dynamics",
-    "control" all but the last, and "goal" (the last) and "duration" one.
+    constraint. "dynamics", "state" and "clearance" have all knots, the initial condition being part of "dynamics",
+    "control" and "mixed" all but the last, and "goal", "final" (the last) and "duration" one.
     """
     size, knots, nx = trajectory.states.shape
     initial, contexts = problem.start(parameters)
@@ -72,21 +73,39 @@ def residuals(
         np.repeat(trajectory.step, knots - 1)[:, None],
     )
     expected = np.concatenate([initial[:, None], following.reshape(size, knots - 1, nx)], axis=1)
-    shortest, longest = problem.duration
+    shortest, longest = problem.durations(contexts).T
     duration = np.maximum(shortest - trajectory.duration, trajectory.duration - longest) / longest
+    last = states[:, -1]
     found = {
         "dynamics": np.abs((states - expected) / system.state.scale),
-        "goal": np.abs(system.difference(states[:, -1:], problem.goal.state) / system.state.scale),
-        "state": _excess(states, system.state),
-        "control": _excess(controls, system.control),
+        "goal": (problem.terminal.distances(last, contexts) / system.state.scale)[:, None],
+        "state": _excess(states, problem.planned_states),
+        "control": _excess(controls, problem.planned_controls),
         "duration": np.maximum(duration, 0.0)[:, None, None],
         "clearance": _shortfall(problem, trajectory, contexts),
+        "mixed": _mixed(problem, trajectory, contexts),
+        "final": problem.terminal.violations(last, contexts)[:, None],
     }
-    return found, costs.reshape(size, knots - 1).sum(axis=1)
+    total = costs.reshape(size, knots - 1).sum(axis=1)
+    if problem.terminal_cost is not None:
+        total = total + problem.batch_terminal_cost()(last, contexts)[0][:, 0]
+    return found, total
 
 
 def _excess(values: Array, box: Box) -> Array:
     return np.asarray(np.maximum(np.maximum(box.lower - values, values - box.upper) / box.scale, 0.0))
+
+
+def _mixed(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
+    """By how much the constraints on states and controls are violated, (B, N − 1, nm)."""
+    size, intervals, nu = trajectory.controls.shape
+    if not sum(problem.n_mixed):
+        return np.zeros((size, intervals, 0))
+    states = trajectory.states[:, :-1].reshape(size * intervals, -1)
+    arguments = states, trajectory.controls.reshape(-1, nu), np.repeat(contexts, intervals, axis=0)
+    inequalities, equalities = problem.batch_mixed()(*arguments)
+    violated = np.concatenate([np.maximum(-inequalities, 0.0), np.abs(equalities)], axis=1)
+    return np.asarray(violated.reshape(size, intervals, -1))
 
 
 def _shortfall(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:

@@ -51,25 +51,31 @@ def _joined(blocks: Iterable[_Entries]) -> _Entries:
 
 
 class _Stage:
-    """The functions of one stage: of z = (x, h, u), the context s, and multipliers of f, the defects and clearances."""
+    """The functions of one stage: of z = (x, h, u), the context s, and multipliers of f and of the constraints."""
 
     def __init__(self, program: Transcription) -> None:
-        nx, nh = program.nx, program.n_clearances
+        nx, counts = program.nx, program.counts
         z, s = (ca.SX.sym(name, program.interval.size1_in(i)) for i, name in enumerate(("z", "s")))
-        of_f, of_defect, of_clearance = ca.SX.sym("f"), ca.SX.sym("defect", nx + 1), ca.SX.sym("clearance", nh)
+        of_f, of_defect, of_clearance = ca.SX.sym("f"), ca.SX.sym("defect", nx + 1), ca.SX.sym("clearance", counts[0])
+        of_mixed, of_final = ca.SX.sym("mixed", sum(counts.mixed)), ca.SX.sym("final", sum(counts.final))
         following, cost = program.interval(z, s)
-        clearances = program.clearance(z[:nx], s)
+        clearances, mixed = program.clearance(z[:nx], s), program.mixed(z, s)
+        final, end_cost = program.final(z[:nx], s)
         self.gradient = ca.Function("stage_gradient", [z, s], [ca.densify(ca.gradient(cost, z))])
+        self.end_gradient = ca.Function("end_gradient", [z, s], [ca.densify(ca.gradient(end_cost, z))])
         jacobian, clearance_jacobian = ca.jacobian(-following, z), ca.jacobian(clearances, z[:nx])
+        self.mixed_jacobian, self.mixed_pattern = _nonzeros("mixed_jacobian", [z, s], ca.jacobian(mixed, z))
+        self.final_jacobian, self.final_pattern = _nonzeros("final_jacobian", [z, s], ca.jacobian(final, z[:nx]))
         self.jacobian, self.jacobian_pattern = _nonzeros("stage_jacobian", [z, s], jacobian)
         self.clearance_jacobian, self.clearance_pattern = _nonzeros("clearance_jacobian", [z, s], clearance_jacobian)
         end = ca.dot(of_clearance, clearances)
-        lagrangian = of_f * cost - ca.dot(of_defect, following) + end
+        lagrangian = of_f * cost - ca.dot(of_defect, following) + end + ca.dot(of_mixed, mixed)
         hessian, gradient = ca.hessian(lagrangian, z)
-        arguments = [z, s, of_f, of_defect, of_clearance]
+        arguments = [z, s, of_f, of_defect, of_clearance, of_mixed]
         self.hessian, self.hessian_pattern = _nonzeros("stage_hessian", arguments, hessian, gradient)
-        end_hessian, end_gradient = ca.hessian(end, z)
-        self.end_hessian, self.end_pattern = _nonzeros("end_hessian", [z, s, of_clearance], end_hessian, end_gradient)
+        end_hessian, end_gradient = ca.hessian(end + ca.dot(of_final, final) + of_f * end_cost, z)
+        arguments = [z, s, of_f, of_clearance, of_final]
+        self.end_hessian, self.end_pattern = _nonzeros("end_hessian", arguments, end_hessian, end_gradient)
 
 
 def _nonzeros(name: str, arguments: Sequence[ca.SX], matrix: ca.SX, *more: ca.SX) -> tuple[ca.Function, Ints]:
@@ -77,6 +83,16 @@ def _nonzeros(name: str, arguments: Sequence[ca.SX], matrix: ca.SX, *more: ca.SX
     outputs = [ca.vertcat(*matrix.nonzeros()), *(ca.densify(each) for each in more)]
     rows, columns = matrix.sparsity().get_triplet()
     return ca.Function(name, arguments, ca.cse(outputs)), np.array([rows, columns], dtype=np.int64).reshape(2, -1)
+
+
+def _block(rows: Ints, columns: Ints, pattern: Ints, values: ca.MX) -> _Entries:
+    """Entries of stages with the constraints ``rows`` (M, n), variables ``columns`` (M, nz) and one ``pattern``."""
+    return _Entries(rows[:, pattern[0]].ravel(), columns[:, pattern[1]].ravel(), ca.vec(values))
+
+
+def _of(multipliers: ca.MX, rows: Ints) -> ca.MX:
+    """The ``multipliers`` of the constraints ``rows`` (M, n), (n, M)."""
+    return ca.reshape(multipliers.nz[rows.ravel().tolist()], rows.shape[1], rows.shape[0])
 
 
 def written_out(program: Transcription) -> WrittenOut:
@@ -89,6 +105,8 @@ def written_out(program: Transcription) -> WrittenOut:
     jacobian = layout.jacobian(stage, z, s).matrix(of_g.numel(), x.numel())
     gradient, hessian = layout.lagrangian(stage, z, s, of_f, of_g)
     cost_gradient = stage.gradient.map(program.intervals)(z[:, :-1], s[:, :-1])
+    # CasADi makes a constant zero of the function without a terminal cost.
+    cost_gradient = ca.horzcat(cost_gradient, ca.densify(stage.end_gradient(z[:, -1], s[:, -1])))
     functions = {
         "nlp_grad_f": ca.Function("nlp_grad_f", [x, p], [layout.packed(cost_gradient)], ["x", "p"], ["grad_f_x"]),
         "nlp_jac_g": ca.Function("nlp_jac_g", [x, p], [g, jacobian], ["x", "p"], ["g", "jac_g_x"]),
@@ -100,22 +118,18 @@ def written_out(program: Transcription) -> WrittenOut:
             ["grad_gamma_x", "hess_gamma_x_x"],
         ),
     }
-    of_stages = (stage.gradient, stage.jacobian, stage.clearance_jacobian, stage.hessian)
-    return WrittenOut(functions, (program.interval, program.clearance, *of_stages))
+    of_stages = (stage.gradient, stage.jacobian, stage.clearance_jacobian, stage.mixed_jacobian, stage.hessian)
+    return WrittenOut(functions, (program.interval, program.clearance, program.mixed, *of_stages))
 
 
 class _Layout:
     """Where the variables and the constraints of the stages of ``program`` are."""
 
     def __init__(self, program: Transcription) -> None:
-        self.program, m, defect = program, program.intervals, program.nx + 1
+        self.program = program
         #: Index in w of each entry of (x, h, u) of each stage, −1 for what is no variable, (N, nz).
         self.variables = np.full(program.present.shape, -1, dtype=np.int64)
         self.variables[program.present] = np.arange(int(program.present.sum()))
-        first = np.arange(m) * (defect + program.n_clearances)
-        first[1:] -= program.n_clearances  # there are no clearances at the first knot
-        #: Indices in g of the defects of each interval, (N − 1, nx + 1).
-        self.defects = first[:, None] + np.arange(defect)
 
     def stages(self, x: ca.MX, p: ca.MX) -> tuple[ca.MX, ca.MX]:
         """z (nz, N) and s (nc, N) of all stages, of the variables ``x`` and the parameters ``p``; 0 where none is."""
@@ -128,48 +142,41 @@ class _Layout:
         return z, ca.repmat(p[nx:], 1, self.program.knots)
 
     def packed(self, values: ca.MX) -> ca.MX:
-        """w of the ``values`` (nz, N − 1) of all stages but the last, where they are 0."""
-        knots, nz = len(self.variables), len(self.variables[0])
-        index = np.flatnonzero(self.program.present.ravel())
-        return ca.vertcat(ca.vec(values), ca.MX.zeros(nz * knots - values.numel())).nz[index.tolist()]
+        """w of the ``values`` (nz, N) of all stages."""
+        return ca.vec(values).nz[np.flatnonzero(self.program.present.ravel()).tolist()]
 
     def jacobian(self, stage: _Stage, z: ca.MX, s: ca.MX) -> _Entries:
         """∂g/∂w."""
-        m, nx = self.program.intervals, self.program.nx
-        rows, columns = stage.jacobian_pattern
+        m, nx, rows_of = self.program.intervals, self.program.nx, self.program.rows
+        before, after = self.variables[:-1], self.variables[1:]
         blocks = [
-            _Entries(  # −∂F/∂z
-                self.defects[:, rows].ravel(),
-                self.variables[:-1][:, columns].ravel(),
-                ca.vec(stage.jacobian.map(m)(z[:, :-1], s[:, :-1])),
-            ),
+            _block(rows_of.defects, before, stage.jacobian_pattern, stage.jacobian.map(m)(z[:, :-1], s[:, :-1])),
             _Entries(  # of the next state and step
-                self.defects.ravel(), self.variables[1:, : nx + 1].ravel(), ca.MX.ones(m * (nx + 1))
+                rows_of.defects.ravel(), after[:, : nx + 1].ravel(), ca.MX.ones(m * (nx + 1))
             ),
         ]
-        if self.program.n_clearances:
-            rows, columns = stage.clearance_pattern
-            blocks.append(
-                _Entries(
-                    self.program.clearance_rows[:, rows].ravel(),
-                    self.variables[1:][:, columns].ravel(),
-                    ca.vec(stage.clearance_jacobian.map(m)(z[:, 1:], s[:, 1:])),
-                )
-            )
+        counts = self.program.counts
+        if counts.clearances:
+            values = stage.clearance_jacobian.map(m)(z[:, 1:], s[:, 1:])
+            blocks.append(_block(rows_of.clearances, after, stage.clearance_pattern, values))
+        if sum(counts.mixed):
+            values = stage.mixed_jacobian.map(m)(z[:, :-1], s[:, :-1])
+            blocks.append(_block(rows_of.mixed, before, stage.mixed_pattern, values))
+        if sum(counts.final):
+            values = stage.final_jacobian(z[:, -1], s[:, -1])
+            blocks.append(_block(rows_of.final[None], self.variables[-1:], stage.final_pattern, values))
         return _joined(blocks)
 
     def lagrangian(self, stage: _Stage, z: ca.MX, s: ca.MX, of_f: ca.MX, of_g: ca.MX) -> tuple[ca.MX, _Entries]:
         """The gradient (nw,) and the second derivatives of λ_f f + λᵀg."""
-        m, nx, nh = self.program.intervals, self.program.nx, self.program.n_clearances
-        defects = ca.reshape(of_g.nz[self.defects.ravel().tolist()], nx + 1, m)
-        clearances = ca.MX.zeros(nh, m + 1)
-        if nh:
-            chosen = ca.reshape(of_g.nz[self.program.clearance_rows.ravel().tolist()], nh, m)
-            clearances = ca.horzcat(ca.MX.zeros(nh, 1), chosen)
+        m, nx, rows_of = self.program.intervals, self.program.nx, self.program.rows
+        defects, mixed, chosen = (_of(of_g, rows) for rows in (rows_of.defects, rows_of.mixed, rows_of.clearances))
+        clearances = ca.horzcat(ca.MX.zeros(chosen.size1(), 1), chosen)
         values, gradient = stage.hessian.map(m)(
-            z[:, :-1], s[:, :-1], ca.repmat(of_f, 1, m), defects, clearances[:, :-1]
+            z[:, :-1], s[:, :-1], ca.repmat(of_f, 1, m), defects, clearances[:, :-1], mixed
         )
-        end, end_gradient = stage.end_hessian(z[:, -1], s[:, -1], clearances[:, -1])
+        final = _of(of_g, rows_of.final[None])
+        end, end_gradient = stage.end_hessian(z[:, -1], s[:, -1], of_f, clearances[:, -1], final)
         rows, columns = stage.hessian_pattern
         end_rows, end_columns = stage.end_pattern
         hessian = _joined(

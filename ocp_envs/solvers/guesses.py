@@ -34,7 +34,7 @@ def random_kind(problem: OptimalControlProblem) -> GuessKind:
     Random motions find solution families that differ in the winding of the goal. Where the goal is a single state they
     do not help, and for the quadcopter fatrop hangs on many of them.
     """
-    return "drift" if len(problem.targets) > 1 else "bend"
+    return "drift" if len(problem.terminal) > 1 else "bend"
 
 
 def guesses(
@@ -55,16 +55,16 @@ def guesses(
     """
     if kind not in get_args(GuessKind):
         raise ValueError(f"kind must be one of {get_args(GuessKind)}, got {kind!r}")
-    shortest, longest = problem.duration
+    initial, contexts = problem.start(parameters)
+    shortest, longest = problem.durations(contexts).T
     duration = shortest + (longest - shortest) * rng.uniform(0.5, 0.75, len(parameters))
-    targets = problem.targets[windings]
+    targets = problem.terminal.nearest(initial, contexts)[np.arange(len(parameters)), windings]
     if kind in ("line", "bend"):
-        initial, _ = problem.start(parameters)
         states = initial[:, None] + _progress(problem) * (targets - initial)[:, None]
         if kind == "bend":
             states = _bent(problem, states, rng, np.full(len(states), _BEND))
-        return Trajectory(states, np.tile(problem.goal.control, (len(parameters), problem.knots - 1, 1)), duration)
-    controls = _random_controls(problem, len(parameters), rng)
+        return Trajectory(states, np.repeat(_held(problem, contexts)[:, None], problem.knots - 1, axis=1), duration)
+    controls = _random_controls(problem, contexts, rng)
     states = _rollout(problem, parameters, controls, duration)
     if kind == "drift":
         states = _drifted(problem, states, targets)
@@ -120,7 +120,7 @@ def _bent(problem: OptimalControlProblem, states: Array, rng: np.random.Generato
 
     Its standard deviation is ``height`` (B,), in scales.
     """
-    box = problem.system.state
+    box = problem.planned_states
     heights = rng.normal(0.0, height[:, None, None], (len(states), 1, problem.system.nx)) * box.scale
     wave = np.sin(np.pi * _progress(problem))
     wave[[0, -1]] = 0.0
@@ -130,7 +130,7 @@ def _bent(problem: OptimalControlProblem, states: Array, rng: np.random.Generato
 def _rollout(problem: OptimalControlProblem, parameters: Array, controls: Array, duration: Array) -> Array:
     """States of the motion under ``controls`` (B, N − 1, nu), clipped to the box at every knot, (B, N, nx)."""
     initial, contexts = problem.start(parameters)
-    box, flow = problem.system.state, problem.batch_flow(problem.substeps)
+    box, flow = problem.planned_states, problem.batch_flow(problem.substeps)
     step = (duration / (problem.knots - 1))[:, None]
     states = [initial]
     for k in range(problem.knots - 1):
@@ -141,15 +141,24 @@ def _rollout(problem: OptimalControlProblem, parameters: Array, controls: Array,
 
 def _drifted(problem: OptimalControlProblem, states: Array, targets: Array) -> Array:
     """``states`` (B, N, nx) with a linear drift added, so that they end at ``targets`` (B, nx)."""
-    box = problem.system.state
+    box = problem.planned_states
     drifted = np.clip(states + _progress(problem) * (targets - states[:, -1])[:, None], box.lower, box.upper)
     drifted[:, 0] = states[:, 0]
     return drifted
 
 
-def _random_controls(problem: OptimalControlProblem, size: int, rng: np.random.Generator) -> Array:
-    """Piecewise constant controls within one scale of the one that keeps the system at the goal, (size, N − 1, nu)."""
-    box = problem.system.control
-    drawn = problem.goal.control + rng.uniform(-1, 1, (size, _PIECES, problem.system.nu)) * box.scale
+def _held(problem: OptimalControlProblem, contexts: Array) -> Array:
+    """The control that keeps the system at the goal in ``contexts`` (B, nc), inside the box of plans, (B, nu)."""
+    box = problem.planned_controls
+    return np.clip(problem.terminal.controls(contexts), box.lower, box.upper)
+
+
+def _random_controls(problem: OptimalControlProblem, contexts: Array, rng: np.random.Generator) -> Array:
+    """Piecewise constant controls within one scale of the one that keeps the system at the goal, (B, N − 1, nu).
+
+    The instances have ``contexts`` (B, nc).
+    """
+    box, size = problem.planned_controls, len(contexts)
+    drawn = _held(problem, contexts)[:, None] + rng.uniform(-1, 1, (size, _PIECES, problem.system.nu)) * box.scale
     piece = np.arange(problem.knots - 1) * _PIECES // (problem.knots - 1)
     return np.clip(drawn, box.lower, box.upper)[:, piece]

@@ -77,11 +77,14 @@ def knot_margins(problem: OptimalControlProblem, parameters: Array, margin: Arra
     if not problem.n_clearances:
         return np.broadcast_to(wanted, (size, last))
     initial, contexts = problem.start(parameters)
-    goal = np.broadcast_to(problem.goal.state, initial.shape)
+    # Where the goal is no single state, plans end where there is room for the margin.
+    goal = problem.terminal.states(contexts)
     at_start, at_goal = (
         np.maximum(problem.batch_clearances()(states, contexts)[0].min(axis=1), 0.0)[:, None]
         for states in (initial, goal)
     )
+    if not problem.terminal.pinned:
+        at_goal = np.full_like(at_goal, np.inf)
     ramp = wanted / RAMP
     possible = np.minimum(at_start + ramp * (knots - 1), at_goal + ramp * (last - knots))
     return np.asarray(np.minimum(wanted, possible))

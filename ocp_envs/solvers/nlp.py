@@ -121,7 +121,10 @@ class Result(NamedTuple):
 
         This is its ``status``, whether the ``fallback`` solver was used, and its ``seconds``.
         """
-        w, multipliers = np.full(transcription.lower.shape, np.nan), np.full(transcription.clearance_rows.shape, np.nan)
+        w, multipliers = (
+            np.full(transcription.lower.shape, np.nan),
+            np.full(transcription.rows.clearances.shape, np.nan),
+        )
         return cls(status, w, np.nan, multipliers, 0, fallback, seconds)
 
 
@@ -138,7 +141,6 @@ class NlpSolver:
 
     def __init__(self, transcription: Transcription, settings: SolverSettings) -> None:
         self._transcription, self._settings = transcription, settings
-        self._bounds = [transcription.bounds(target) for target in transcription.targets]
         self.primary = self._primary(settings.max_iterations)
         self._limited: dict[int, Backend] = {}
 
@@ -168,13 +170,13 @@ class NlpSolver:
         With ``skip_primary`` the fallback is used at once.
         """
         began = time.perf_counter()
-        bounds = self._bounds[task.target]
+        bounds = self._transcription.bounds(task.target, task.parameter[self._transcription.nx :])
         primary = self.primary if task.iterations is None else self._limited_to(task.iterations)
         backend, outcome, iterations = primary, Outcome.BROKE_DOWN, 0
         if not skip_primary:
             outcome, iterations = backend.run(task, *bounds)
             if outcome is Outcome.STUCK and task.iterations is None:
-                longer = task._replace(guess=self._transcription.with_duration(backend.w, _SECOND_DURATION))
+                longer = task._replace(guess=self._transcription.with_duration(backend.w, _SECOND_DURATION, *bounds))
                 outcome, more = backend.run(longer, *bounds)
                 iterations += more
         retry = {Outcome.STUCK: task.retry_with_fallback, Outcome.BROKE_DOWN: task.rescue or skip_primary}
@@ -219,7 +221,7 @@ class Backend:
         for name, array in outputs.items():
             self._buffer.set_res(solver.index_out(name), memoryview(array))  # type: ignore[arg-type]
         inputs["lbg"][:], inputs["ubg"][:] = transcription.constraint_bounds
-        self._inputs, self._clearances = inputs, transcription.clearance_rows
+        self._inputs, self._clearances = inputs, transcription.rows.clearances
         self.w, self.cost, self.lam_g = outputs["x"], outputs["f"], outputs["lam_g"]
         self._ended = ""
 

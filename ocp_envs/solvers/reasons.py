@@ -22,7 +22,7 @@ def not_finite(problem: OptimalControlProblem, parameters: Array, trajectory: Tr
     names, function = _values_and_derivatives(problem)
     for row in np.flatnonzero(trajectory.finite).tolist():
         states = trajectory.states[row]
-        controls = np.concatenate([trajectory.controls[row], problem.goal.control[None]])
+        controls = np.concatenate([trajectory.controls[row], problem.terminal.controls(contexts[row : row + 1])])
         values = function(states, controls, np.repeat(contexts[row : row + 1], len(states), axis=0))
         for name, value in zip(names, values):
             bad = np.flatnonzero(~np.isfinite(value.reshape(len(states), -1)).all(axis=1))
@@ -40,6 +40,11 @@ def _values_and_derivatives(problem: OptimalControlProblem) -> tuple[list[str], 
     terms = {"the derivative of the state": rate[:nx], "the cost rate": rate[nx]}
     if problem.n_clearances:
         terms["a clearance"] = problem.clearances(x, s)
+    for name, term in zip(("an inequality", "an equality"), problem.formulation.mixed(x, u, s)):
+        if term.numel():
+            terms[name] = term
+    if problem.terminal_cost is not None:
+        terms["the terminal cost"] = problem.formulation.terminal_cost(x, s)
     every = dict(terms)
     for name, term in terms.items():
         every[f"the gradient of {name}"] = ca.jacobian(term, ca.vertcat(x, u))
@@ -68,9 +73,11 @@ def worst_violation(problem: OptimalControlProblem, parameters: Array, trajector
         "control": lambda: f"the bounds of {control[i]}",
         "duration": lambda: "the bounds of the duration",
         "clearance": lambda: f"clearance {i}",
+        "mixed": lambda: f"inequality {i}" if i < problem.n_mixed[0] else f"equality {i - problem.n_mixed[0]}",
+        "final": lambda: f"final constraint {i}",
     }[name]()
-    unit = {"clearance": "", "duration": " of the longest one"}.get(name, " of its scale")
-    where = "" if name == "duration" else f" at knot {problem.knots - 1 if name == 'goal' else knot}"
+    unit = {"clearance": "", "mixed": "", "final": "", "duration": " of the longest one"}.get(name, " of its scale")
+    where = "" if name == "duration" else f" at knot {problem.knots - 1 if name in ('goal', 'final') else knot}"
     return f"the best attempt violates {what} most,{where} by {amount[row, knot, i]:.3g}{unit}"
 
 

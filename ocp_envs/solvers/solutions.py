@@ -90,16 +90,17 @@ def make_tasks(
             f"{problem.id}: expected guesses with states {expected} and windings {expected[:1]} for "
             f"{len(parameters)} parameters; got {guesses.states.shape} and {windings.shape}"
         )
-    count = len(problem.targets)
+    count, fixed = len(problem.terminal), problem.start(parameters)
     if np.any((windings < NEAREST_WINDING) | (windings >= count)):
         raise ValueError(
             f"{problem.id}: windings must be {NEAREST_WINDING} … {count - 1}, got {windings.min()} … {windings.max()}"
         )
-    distance = np.abs((guesses.states[:, -1, None] - problem.targets) / problem.system.state.scale).sum(axis=2)
+    ends = guesses.states[:, -1]
+    nearest = problem.terminal.nearest(ends, fixed[1])
+    distance = np.abs((ends[:, None] - nearest) / problem.system.state.scale).sum(axis=2)
     targets = np.where(windings == NEAREST_WINDING, distance.argmin(axis=1), windings)
-    fixed = np.concatenate(problem.start(parameters), axis=1)
     kept = [None] * len(parameters) if margins is None else margins
-    instances = zip(transcription.pack(guesses), fixed, targets.tolist(), kept, strict=True)
+    instances = zip(transcription.pack(guesses), np.concatenate(fixed, axis=1), targets.tolist(), kept, strict=True)
     return [
         Task(guess, parameter, target, retry_with_fallback, rescue, iterations, margin)
         for guess, parameter, target, margin in instances
@@ -113,7 +114,7 @@ def collect(
 
     The instances of ``problem``, whose program is ``transcription``, have ``parameters`` (B, np).
     """
-    size, control = len(parameters), problem.system.control
+    size, control = len(parameters), problem.planned_controls
     statuses, w, costs, held, iterations, fallback, seconds = zip(*results) if size else ([],) * 7
     initial, _ = problem.start(parameters)
     found = transcription.unpack(np.array(w).reshape(size, len(transcription.lower)), initial)

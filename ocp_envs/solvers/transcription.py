@@ -2,15 +2,16 @@
 
 With N knots, intervals of equal length h = t_f/(N−1) and controls constant within an interval, the program is
 
-    minimise    Σ_k cost(x_k, u_k, s, h_k) / cost_scale
+    minimise    (Σ_k cost(x_k, u_k, s, h_k) + φ(x_{N−1}, s)) / cost_scale
     subject to  x_{k+1} − F(x_k, u_k, s, h_k) = 0,   h_{k+1} − h_k = 0,   clearances(x_k, s) ≥ 0   (k ≥ 1),
+                mixed(x_k, u_k, s) ≥ 0 or = 0   (k ≤ N − 2),   final(x_{N−1}, s) ≥ 0 or = 0,
 
-where F and cost are ``problem.flow`` (Betts, *Practical Methods for Optimal Control and Estimation*, ch. 4), x_0 and
-the context s are parameters, and x_{N−1} is within ±``GOAL_TOLERANCE`` (in scaled units) of the target. The step h is
-one more state, so that the program has the stagewise structure that fatrop exploits:
+where F and cost are ``problem.formulation.flow`` (Betts, *Practical Methods for Optimal Control and Estimation*, ch.
+4), x_0 and the context s are parameters, and x_{N−1} is within ±``GOAL_TOLERANCE`` (in scaled units) of the target. The
+step h is one more state, so that the program has the stagewise structure that fatrop exploits:
 
     w = [h_0, u_0 | x_1, h_1, u_1 | … | x_{N−1}, h_{N−1}]
-    g = [defect_0 | defect_1, clearances_1 | … | clearances_{N−1}]
+    g = [defect_0, mixed_0 | defect_1, clearances_1, mixed_1 | … | clearances_{N−1}, final]
 
 All variables are scaled to order one: states by their scale, controls as the deviation from the control that keeps the
 system at the goal, by their scale, and h by half its upper bound. The cost is scaled by a power of 100 where a typical
@@ -20,8 +21,10 @@ last knot. They form a small box because fatrop stagnates on equalities there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -29,7 +32,7 @@ from numpy.typing import NDArray
 
 from ocp_envs.points import points_of
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.kept import kept
 from ocp_envs.trajectory import Trajectory
 
@@ -40,24 +43,50 @@ GOAL_TOLERANCE = 1e-5
 _EXPANDED = 10_000
 
 
+class Rows(NamedTuple):
+    """Indices in g of each constraint.
+
+    ``defects`` (N − 1, nx + 1) belong to the intervals, ``clearances`` (N − 1, nh) to the knots k ≥ 1, ``mixed``
+    (N − 1, nm) to the knots k ≤ N − 2 and ``final`` (nf,) to the last one; ``unbounded`` are those that are ≥ 0.
+    """
+
+    defects: Ints
+    clearances: Ints
+    mixed: Ints
+    final: Ints
+    unbounded: Ints
+
+
+class Counts(NamedTuple):
+    """Numbers of constraints: ``clearances``, and those ≥ 0 and = 0 among the ``mixed`` and the ``final`` ones."""
+
+    clearances: int
+    mixed: tuple[int, int]
+    final: tuple[int, int]
+
+
 @dataclass(frozen=True, eq=False)
 class Transcription:
     """A nonlinear program and the layout of its variables; holds no reference to the problem and can be pickled.
 
     The program ``nlp`` is (w, [x_0; s]) → (f, g), with the functions ``interval``, (x_k, h_k, u_k), s → (x_{k+1},
-    h_{k+1}), cost, and ``clearance``, x_k, s → clearances, all scaled; its sizes are ``knots``, ``nx``, ``nu`` and
-    ``n_clearances``, and its scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and
-    h / ``step_scale``; f is J / ``cost_scale``. Without the goal, w has the bounds ``lower`` and ``upper`` (nw,);
-    ``targets`` (W, nx) are goal states, one per winding.
+    h_{k+1}), cost, ``clearance``, x_k, s → clearances, ``mixed``, (x_k, h_k, u_k), s → constraints, and ``final``,
+    x_{N−1}, s → constraints, terminal cost, all scaled; its sizes are ``knots``, ``nx``, ``nu`` and ``counts``, and its
+    scaled variables x / ``state_scale``, (u − ``control_centre``) / ``control_scale`` and h / ``step_scale``; f is
+    J / ``cost_scale``. Without the goal, w has the bounds ``lower`` and ``upper`` (nw,). The function ``ends``, s →
+    sides of the targets (nx, W) twice, bounds of h (2,), is that of all contexts if it does not depend on s.
     """
 
     nlp: ca.Function
     interval: ca.Function
     clearance: ca.Function
+    mixed: ca.Function
+    final: ca.Function
+    ends: ca.Function
     knots: int
     nx: int
     nu: int
-    n_clearances: int
+    counts: Counts
     state_scale: Array
     control_scale: Array
     control_centre: Array
@@ -65,7 +94,10 @@ class Transcription:
     cost_scale: float
     lower: Array
     upper: Array
-    targets: Array
+
+    @property
+    def n_clearances(self) -> int:
+        return self.counts.clearances
 
     @property
     def intervals(self) -> int:
@@ -74,13 +106,13 @@ class Transcription:
     @cached_property
     def structure(self) -> dict[str, object]:
         """The stagewise structure in fatrop's options."""
-        m = self.intervals
+        m, mixed = self.intervals, sum(self.counts.mixed)
         return {
             "structure_detection": "manual",
             "N": m,
             "nx": [1] + [self.nx + 1] * m,
             "nu": [self.nu] * m + [0],
-            "ng": [0] + [self.n_clearances] * m,
+            "ng": [mixed] + [self.n_clearances + mixed] * (m - 1) + [self.n_clearances + sum(self.counts.final)],
         }
 
     @cached_property
@@ -95,27 +127,45 @@ class Transcription:
         return np.tile(column, (self.knots, 1))[self.present]
 
     @cached_property
-    def clearance_rows(self) -> NDArray[np.int64]:
-        """Indices in g of the clearances at the knots k ≥ 1, (N − 1, nh)."""
-        defect, count = self.nx + 1, self.n_clearances
-        first = 2 * defect + (defect + count) * np.arange(self.intervals)
-        first[-1] -= defect  # there is no defect at the last knot
-        return first[:, None] + np.arange(count)
+    def rows(self) -> Rows:
+        """Where each constraint is in g."""
+        m, defect, (clear, mixed, final) = self.intervals, self.nx + 1, self.counts
+        width = defect + clear + sum(mixed)
+        first = np.arange(m) * width - np.where(np.arange(m) > 0, clear, 0)  # no clearances at the first knot
+        after = first + defect + np.where(np.arange(m) > 0, clear, 0)
+        last = width * m - clear
+        clearances = np.append(first[1:] + defect, last)[:, None] + np.arange(clear)
+        of_mixed = after[:, None] + np.arange(sum(mixed))
+        at_end = last + clear + np.arange(sum(final))
+        unbounded = [clearances.ravel(), of_mixed[:, : mixed[0]].ravel(), at_end[: final[0]]]
+        return Rows(first[:, None] + np.arange(defect), clearances, of_mixed, at_end, np.concatenate(unbounded))
 
     @cached_property
     def constraint_bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds of g."""
-        lower = np.zeros((self.nx + 1 + self.n_clearances) * self.intervals)
+        lower = np.zeros(self.nlp.numel_out("g"))
         upper = lower.copy()
-        upper[self.clearance_rows] = np.inf
+        upper[self.rows.unbounded] = np.inf
         return lower, upper
 
-    def bounds(self, target: Array) -> tuple[Array, Array]:
-        """Bounds of w for a goal state ``target`` (nx,)."""
+    @cached_property
+    def _constant_ends(self) -> tuple[Array, Array, Array] | None:
+        """The values of ``ends`` where they do not depend on the context."""
+        depends = any(self.ends.sparsity_jac(0, i).nnz() for i in range(3)) if self.ends.size1_in(0) else False
+        return None if depends else self._ends_of(np.zeros(self.ends.size1_in(0)))
+
+    def _ends_of(self, context: Array) -> tuple[Array, Array, Array]:
+        lower, upper, steps = (np.array(part) for part in self.ends(context))
+        return lower.T, upper.T, steps.ravel()
+
+    def bounds(self, target: int, context: Array) -> tuple[Array, Array]:
+        """Bounds of w for the goal's target with the index ``target`` in a ``context`` (nc,)."""
         lower, upper = self.lower.copy(), self.upper.copy()
+        low, high, steps = self._constant_ends or self._ends_of(context)
+        lower[self._is_step], upper[self._is_step] = steps
         last = slice(-(self.nx + 1), -1)
-        scaled = target / self.state_scale
-        lower[last], upper[last] = scaled - GOAL_TOLERANCE, scaled + GOAL_TOLERANCE
+        lower[last] = np.maximum(lower[last], low[target] - GOAL_TOLERANCE)
+        upper[last] = np.minimum(upper[last], high[target] + GOAL_TOLERANCE)
         return lower, upper
 
     def pack(self, trajectory: Trajectory) -> Array:
@@ -135,9 +185,12 @@ class Transcription:
         controls = table[:, :-1, self.nx + 1 :] * self.control_scale + self.control_centre
         return Trajectory(states, controls, table[:, 0, self.nx] * self.step_scale * self.intervals)
 
-    def with_duration(self, w: Array, fraction: float) -> Array:
-        """Variables ``w`` (nw,) with the duration at ``fraction`` of its upper bound, or at the lower one if longer."""
-        return np.where(self._is_step, np.maximum(fraction * self.upper, self.lower), w)
+    def with_duration(self, w: Array, fraction: float, lower: Array, upper: Array) -> Array:
+        """Variables ``w`` (nw,) with the duration at ``fraction`` of its upper bound, or at the lower one if longer.
+
+        The bounds of w are ``lower`` and ``upper`` (nw,).
+        """
+        return np.where(self._is_step, np.maximum(fraction * upper, lower), w)
 
     def clearance_multipliers(self, lam_g: Array) -> Array:
         """Multipliers of the clearances at the knots k ≥ 1, (N − 1, nh), positive where the constraint is active.
@@ -145,7 +198,7 @@ class Transcription:
         CasADi's multipliers ``lam_g`` (ng,) of g are negative at lower bounds. Clearances are not scaled, so these are
         −∂J/∂(clearance), in units of cost per unit of clearance.
         """
-        return np.maximum(-lam_g[self.clearance_rows], 0.0) * self.cost_scale
+        return np.maximum(-lam_g[self.rows.clearances], 0.0) * self.cost_scale
 
 
 def _present(knots: int, nx: int, nu: int) -> NDArray[np.bool_]:
@@ -159,8 +212,8 @@ def _present(knots: int, nx: int, nu: int) -> NDArray[np.bool_]:
 def transcribe(problem: OptimalControlProblem) -> Transcription:
     """The nonlinear program of ``problem``."""
     system, knots = problem.system, problem.knots
-    shortest, longest = (t / (knots - 1) for t in problem.duration)
-    step_scale, centre = longest / 2, problem.goal.control
+    longest = problem.longest / (knots - 1)
+    step_scale, centre = longest / 2, problem.terminal.controls(problem.context.centre[None])[0]
     present = _present(knots, system.nx, system.nu)
 
     def scaled(state: Array, step: float, control: Array) -> Array:
@@ -169,23 +222,25 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
         return np.tile(row, (knots, 1))[present]
 
     cost_scale = _cost_scale(problem)
-    interval, clearance = _interval(problem, step_scale, cost_scale), _clearance(problem)
+    stages = _Stages.of(problem, centre, step_scale, cost_scale)
+    states, controls = problem.planned_states, problem.planned_controls
     return Transcription(
-        nlp=_program(problem, interval, clearance),
-        interval=interval,
-        clearance=clearance,
+        nlp=_program(problem, stages),
+        **stages._asdict(),
+        ends=_ends(problem, step_scale),
         knots=knots,
         nx=system.nx,
         nu=system.nu,
-        n_clearances=problem.n_clearances,
+        counts=Counts(
+            problem.n_clearances, problem.n_mixed, (problem.terminal.n_inequalities, problem.terminal.n_equalities)
+        ),
         state_scale=system.state.scale,
         control_scale=system.control.scale,
         control_centre=centre,
         step_scale=step_scale,
         cost_scale=cost_scale,
-        lower=scaled(system.state.lower, shortest, system.control.lower),
-        upper=scaled(system.state.upper, longest, system.control.upper),
-        targets=problem.targets,
+        lower=scaled(states.lower, 0.0, controls.lower),
+        upper=scaled(states.upper, longest, controls.upper),
     )
 
 
@@ -193,35 +248,63 @@ def _cost_scale(problem: OptimalControlProblem) -> float:
     """The power of 100 that brings a typical cost of ``problem`` to between 1 and 100.
 
     Typical is the median of the cost rate at initial states with the goal's control, or in the box where it is zero
-    there, over half the longest duration.
+    there, over half the longest duration; and of the terminal cost at the goal, or at initial states or in the box,
+    where it is larger.
     """
-    _, at_starts, in_box = points_of(problem)
-    for at in (at_starts, in_box):
-        rate = np.abs(problem.batch_rate()(at.states, at.controls, at.contexts)[1])
-        usable = rate[np.isfinite(rate) & (rate > 0)]
+    at_goal, at_starts, in_box = points_of(problem)
+    typical = _median([problem.batch_rate()(at.states, at.controls, at.contexts)[1] for at in (at_starts, in_box)])
+    typical *= problem.longest / 2
+    if problem.terminal_cost is not None:
+        ends = (at_goal, at_starts, in_box)
+        typical = max(typical, _median([problem.batch_terminal_cost()(at.states, at.contexts)[0] for at in ends]))
+    return float(100.0 ** np.floor(np.log10(typical) / 2)) if typical > 0 else 1.0
+
+
+def _median(sets: Sequence[Array]) -> float:
+    """The median magnitude in the first of ``sets`` that has values other than 0; 0 without any."""
+    for values in sets:
+        magnitude = np.abs(values)
+        usable = magnitude[np.isfinite(magnitude) & (magnitude > 0)]
         if len(usable):
-            return float(100.0 ** np.floor(np.log10(np.median(usable) * problem.duration[1] / 2) / 2))
-    return 1.0
+            return float(np.median(usable))
+    return 0.0
 
 
-def _interval(problem: OptimalControlProblem, step_scale: float, cost_scale: float) -> ca.Function:
-    """Scaled (x_k, h_k, u_k), s → scaled (x_{k+1}, h_{k+1}) and the scaled cost of the interval."""
-    system = problem.system
-    x, u, s = problem.symbols()
-    h = ca.SX.sym("h")
-    scale = ca.DM(system.state.scale)
-    control = u * ca.DM(system.control.scale) + ca.DM(problem.goal.control)
-    following, cost = problem.flow(x * scale, control, s, h * step_scale, problem.substeps)
-    return ca.Function("interval", [ca.vertcat(x, h, u), s], [ca.vertcat(following / scale, h), cost / cost_scale])
+class _Stages(NamedTuple):
+    """The scaled functions of one stage, see :class:`Transcription`."""
+
+    interval: ca.Function
+    clearance: ca.Function
+    mixed: ca.Function
+    final: ca.Function
+
+    @classmethod
+    def of(cls, problem: OptimalControlProblem, centre: Array, step_scale: float, cost_scale: float) -> _Stages:
+        system, formulation = problem.system, problem.formulation
+        x, u, s = problem.symbols()
+        h = ca.SX.sym("h")
+        scale = ca.DM(system.state.scale)
+        state, control = x * scale, u * ca.DM(system.control.scale) + ca.DM(centre)
+        following, cost = formulation.flow(state, control, s, h * step_scale, problem.substeps)
+        z = ca.vertcat(x, h, u)
+        mixed = ca.vertcat(*formulation.mixed(state, control, s))
+        final = ca.vertcat(*problem.terminal.constraints(state, s))
+        end = formulation.terminal_cost(state, s) / cost_scale
+        return cls(
+            ca.Function("interval", [z, s], [ca.vertcat(following / scale, h), cost / cost_scale]),
+            ca.Function("clearances", [x, s], [problem.clearances(state, s)]),
+            ca.Function("mixed", [z, s], [mixed]),
+            ca.Function("final", [x, s], [final, end]),
+        )
 
 
-def _clearance(problem: OptimalControlProblem) -> ca.Function:
-    """Scaled x_k, s → clearances."""
-    x, _, s = problem.symbols()
-    return ca.Function("clearances", [x, s], [problem.clearances(x * ca.DM(problem.system.state.scale), s)])
+def _ends(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
+    _, _, s = problem.symbols()
+    steps = problem.formulation.durations(s) / (problem.knots - 1) / step_scale
+    return ca.Function("ends", [s], [*problem.terminal.scaled_sides(s), ca.SX(steps)])
 
 
-def _program(problem: OptimalControlProblem, interval: ca.Function, clearance: ca.Function) -> ca.Function:
+def _program(problem: OptimalControlProblem, functions: _Stages) -> ca.Function:
     nx, nu, m = problem.system.nx, problem.system.nu, problem.knots - 1
     scale = ca.DM(problem.system.state.scale)
     parameter = ca.MX.sym("p", nx + len(problem.context))
@@ -232,9 +315,13 @@ def _program(problem: OptimalControlProblem, interval: ca.Function, clearance: c
     context = parameter[nx:]
     ends = ca.horzcat(*[stage[: nx + 1] for stage in stages[1:]])
     contexts = ca.repmat(context, 1, m)
-    following, costs = interval.map(m)(ca.horzcat(*stages[:-1]), contexts)
-    defects, free = ends - following, clearance.map(m)(ends[:nx, :], contexts)
-    rows = ca.vertcat(defects[:, 0], ca.vec(ca.vertcat(defects[:, 1:], free[:, :-1])), free[:, -1])
-    nlp = ca.Function("nlp", [w, parameter], [ca.sum2(costs), rows], ["x", "p"], ["f", "g"])
+    following, costs = functions.interval.map(m)(ca.horzcat(*stages[:-1]), contexts)
+    defects, free = ends - following, functions.clearance.map(m)(ends[:nx, :], contexts)
+    mixed = functions.mixed.map(m)(ca.horzcat(*stages[:-1]), contexts)
+    final, end = functions.final(ends[:nx, -1], context)
+    within = ca.vec(ca.vertcat(defects[:, 1:], free[:, :-1], mixed[:, 1:]))
+    rows = ca.vertcat(defects[:, 0], mixed[:, 0], within, free[:, -1], final)
+    cost = ca.sum2(costs) if problem.terminal_cost is None else ca.sum2(costs) + end
+    nlp = ca.Function("nlp", [w, parameter], [cost, rows], ["x", "p"], ["f", "g"])
     expanded = nlp.expand()
     return expanded if expanded.n_nodes() <= _EXPANDED else nlp

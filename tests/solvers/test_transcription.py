@@ -55,16 +55,16 @@ def test_program_is_the_problems_own_flow(problem):
     (clearances,) = problem.batch_clearances()(plan.states[0, 1:], context)
     g = np.array(g).ravel()
     is_gap = np.ones(len(g), dtype=bool)
-    is_gap[program.clearance_rows] = False
+    is_gap[program.rows.clearances] = False
     np.testing.assert_allclose(float(cost), costs.sum(), rtol=1e-10)
     np.testing.assert_allclose(g[is_gap].reshape(m, nx + 1), np.c_[gaps, np.zeros(m)], rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(g[program.clearance_rows], clearances, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(g[program.rows.clearances], clearances, rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize("problem", PROBLEMS, ids=lambda p: p.id)
 def test_bounds_contain_the_boxes_and_pin_the_goal(problem):
     program = transcribe(problem)
-    lower, upper = program.bounds(problem.targets[-1])
+    lower, upper = program.bounds(len(problem.targets) - 1, problem.context.centre)
     low = program.unpack(lower[None], problem.system.state.lower[None])
     high = program.unpack(upper[None], problem.system.state.upper[None])
     state, control = problem.system.state, problem.system.control
@@ -80,7 +80,8 @@ def test_bounds_contain_the_boxes_and_pin_the_goal(problem):
 @pytest.mark.parametrize("shortest", [0.2, 10.0, 12.0])
 def test_another_duration_stays_within_its_bounds(shortest):
     program = transcribe(dataclasses.replace(DOUBLE_INTEGRATOR, duration=(shortest, 12.0)))
-    longer = program.unpack(program.with_duration(program.lower, 0.75)[None], np.zeros((1, 2)))
+    bounds = program.bounds(0, np.zeros(0))
+    longer = program.unpack(program.with_duration(program.lower, 0.75, *bounds)[None], np.zeros((1, 2)))
     assert longer.duration[0] == pytest.approx(max(9.0, shortest))
 
 

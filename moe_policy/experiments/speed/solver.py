@@ -176,7 +176,7 @@ class PlainOpti:
 
     def __init__(self, problem: OptimalControlProblem, tolerance: float, expand: bool) -> None:
         self.problem, self.program = problem, transcribe(problem)
-        lower, upper = (b for b in self.program.bounds(problem.targets[0]))
+        lower, upper = (b for b in self.program.bounds(0, problem.context.centre))
         opti = ca.Opti()
         self.w, self.p = opti.variable(len(lower)), opti.parameter(self.program.nlp.numel_in("p"))
         self.lower, self.upper = opti.parameter(len(lower)), opti.parameter(len(upper))
@@ -198,7 +198,7 @@ class PlainOpti:
 
     def _one(self, task: Task) -> Result:
         began, opti = time.perf_counter(), self.opti
-        lower, upper = self.program.bounds(self.problem.targets[task.target])
+        lower, upper = self.program.bounds(task.target, task.parameter[self.program.nx :])
         opti.set_value(self.p, task.parameter)
         opti.set_value(self.lower, lower)
         opti.set_value(self.upper, upper)
@@ -210,5 +210,5 @@ class PlainOpti:
             status = Status.NOT_CONVERGED
         w, cost = np.array(opti.debug.value(self.w)), float(opti.debug.value(opti.f))
         iterations = int(opti.stats()["iter_count"])
-        unused = np.zeros(self.program.clearance_rows.shape)
+        unused = np.zeros(self.program.rows.clearances.shape)
         return Result(status, w, cost, unused, iterations, False, time.perf_counter() - began)
