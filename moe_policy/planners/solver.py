@@ -186,7 +186,7 @@ class SolverPlanner:
             # In single precision: an angle that was written in another turn differs by rounding errors.
             rng = np.random.default_rng((self.seed, *_whole(p[row] / self.problem.parameters.width)))
             for kind, group in itertools.groupby(kinds):
-                winding = np.repeat(np.arange(len(self.problem.targets)), len(list(group)))
+                winding = np.repeat(np.arange(len(self.problem.terminal)), len(list(group)))
                 repeated = np.repeat(p[row : row + 1], len(winding), axis=0)
                 guess = guesses(self.problem, repeated, winding, rng, kind)
                 yield _Attempts(np.full(len(winding), row), guess, winding)

@@ -178,11 +178,11 @@ class _Search:
         every = list(guess)
         if self._starts:
             every.append(self._to_each_winding("line"))
-            windings.append(np.arange(len(self._problem.targets)))
+            windings.append(np.arange(len(self._problem.terminal)))
         return _Guesses(Trajectory.concatenate(every), np.concatenate(windings))
 
     def _to_each_winding(self, kind: GuessKind) -> Trajectory:
-        count = len(self._problem.targets)
+        count = len(self._problem.terminal)
         return guesses(self._problem, np.repeat(self._parameters, count, axis=0), np.arange(count), self._rng, kind)
 
     def _solve(self, tried: _Guesses, last_resort: bool = False) -> Attempts:
@@ -199,7 +199,7 @@ class _Search:
         others = [self._random(first) for _ in range(self._starts - 1)]
         solutions = first
         if others:
-            windings = np.tile(np.arange(len(self._problem.targets)), len(others))
+            windings = np.tile(np.arange(len(self._problem.terminal)), len(others))
             more = self._solve(_Guesses(Trajectory.concatenate(others), windings)).solutions
             solutions = Solutions.concatenate([first, more])
         if solutions.solved.any():
@@ -209,7 +209,7 @@ class _Search:
 
     def _random(self, first: Solutions) -> Trajectory:
         """A random guess for each winding, near what the ``first`` solves found from lines where that is better."""
-        kind, count = random_kind(self._problem), len(self._problem.targets)
+        kind, count = random_kind(self._problem), len(self._problem.terminal)
         if kind != "bend":
             return self._to_each_winding(kind)
         lines, found = self._surest.trajectory[-count:], first[-count:]
