@@ -13,10 +13,6 @@ if TYPE_CHECKING:
     from ocp_envs.problem import OptimalControlProblem
 
 
-def _numeric(problem: OptimalControlProblem) -> bool:
-    return not any(callable(bound) for bound in problem.duration)
-
-
 def _digits(values: Array) -> list[str]:
     return [f"{v:.6e}" for v in np.ravel(values)]
 
@@ -38,7 +34,7 @@ def _further(problem: OptimalControlProblem, contexts: Array) -> list[object]:
         parts += [["mixed", *map(_digits, problem.batch_mixed()(x, u, contexts))]]
     if problem.planned:
         parts += [["planned", *sorted(problem.planned.items())]]
-    if not _numeric(problem):
+    if not problem.numeric_duration:
         parts += [["duration", _digits(problem.durations(contexts))]]
     if callable(problem.parametrisation.rest):
         parts += [["rest", _digits(problem.parametrisation.rest(contexts))]]
@@ -63,7 +59,7 @@ def fingerprint(problem: OptimalControlProblem) -> str:
     ]
     windings = goal.windings_of(system.nx).tolist()
     ends = [problem.terminal.states(problem.context.centre[None])[0].tolist(), goal.radius, windings]
-    grid = problem.duration if _numeric(problem) else (), problem.knots, problem.substeps
+    grid = problem.duration if problem.numeric_duration else (), problem.knots, problem.substeps
     rest = problem.parametrisation.rest
     text = repr(
         (problem.id, boxes, ends, *grid, [] if callable(rest) else rest.tolist(), digits, *_further(problem, s))

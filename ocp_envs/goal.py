@@ -237,10 +237,12 @@ class _NearestTarget:
         self, problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory, multipliers: Array
     ) -> Ints:
         """The family of each trajectory, see :data:`Classify`."""
-        if len(self.names) != len(problem.targets):
+        if len(self.names) != len(problem.terminal):
             raise ValueError(
-                f"{problem.id}: winding_modes needs a name for each of the {len(problem.targets)} rows of "
+                f"{problem.id}: winding_modes needs a name for each of the {len(problem.terminal)} rows of "
                 f"goal.windings, got {len(self.names)}: {list(self.names)}"
             )
-        distance = np.abs(trajectory.states[:, -1, None, :] - problem.targets).sum(axis=-1)
+        ends = trajectory.states[:, -1]
+        nearest = problem.terminal.nearest(ends, problem.start(parameters)[1])
+        distance = np.abs(ends[:, None] - nearest).sum(axis=-1)
         return np.asarray(distance.argmin(axis=1), dtype=np.int64)

@@ -180,6 +180,11 @@ class OptimalControlProblem:
         """Whether the duration is given."""
         return self.duration[0] == self.duration[1]
 
+    @property
+    def numeric_duration(self) -> bool:
+        """Whether the bounds of the duration are the same in all contexts."""
+        return not any(callable(bound) for bound in self.duration)
+
     @cached_property
     def longest(self) -> float:
         """An upper bound of the durations, seconds: the time limit where they depend on the context."""
@@ -188,9 +193,9 @@ class OptimalControlProblem:
 
     def durations(self, contexts: Array) -> Array:
         """The shortest and the longest duration in ``contexts`` (B, nc), seconds, (B, 2)."""
-        if any(callable(bound) for bound in self.duration):
-            return np.asarray(self._durations()(contexts)[0])
-        return np.broadcast_to(np.array(self.duration, dtype=np.float64), (len(contexts), 2))
+        if self.numeric_duration:
+            return np.broadcast_to(np.array(self.duration, dtype=np.float64), (len(contexts), 2))
+        return np.asarray(self._durations()(contexts)[0])
 
     @kept
     def _durations(self) -> BatchFunction:
@@ -206,7 +211,7 @@ class OptimalControlProblem:
     @cached_property
     def parametrisation(self) -> Parametrisation:
         """The map between p and (x_0, s)."""
-        rest = self.goal.state if self.rest is None else self.rest
+        rest: Array | OfContext = self.goal.state if self.rest is None else self.rest
         return Parametrisation(self.id, self.parameters, self.system.state, self._rest if callable(rest) else rest)
 
     def _rest(self, contexts: Array) -> Array:

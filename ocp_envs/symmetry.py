@@ -88,13 +88,17 @@ class Symmetry:
         x, u, s = (np.vstack([box.draw(rng, _POINTS), box.lower, box.upper]) for box in boxes.values())
         images = self.states(x), self.controls(u), self.contexts(s)
         (f, cost), (f_image, cost_image) = rate(x, u, s), rate(*images)
-        goal, held = problem.goal.state, problem.goal.control
+        goal, held, held_image = (
+            problem.terminal.states(s),
+            problem.terminal.controls(s),
+            problem.terminal.controls(images[2]),
+        )
         same = {
             **{f"box of {name}": _covers(box, image) for (name, box), image in zip(boxes.items(), images)},
             "dynamics": _equal(f_image, self.states(f)),
             "cost_rate": _equal(cost_image, cost),
-            "goal.state": _equal(system.difference(self.states(goal), goal), 0 * goal),
-            "goal.control": _equal(self.controls(held), held),
+            "goal.state": _equal(problem.goal_error(self.states(goal), images[2]), np.zeros(len(goal))),
+            "goal.control": _equal(self.controls(held), held_image),
             "initial states": self._maps_starts(problem, rng),
         }
         if problem.n_clearances:

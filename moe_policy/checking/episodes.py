@@ -43,7 +43,17 @@ class Ended(NamedTuple):
 
 
 def compiled(plant: OptimalControlProblem, step: ca.Function) -> Callable[..., None] | None:
-    """The program that runs episodes of ``plant``, whose control step is ``step``; ``None`` where it cannot be."""
+    """The program that runs episodes of ``plant``, whose control step is ``step``; ``None`` where it cannot be.
+
+    It knows goals that are one state, reached at any time, and no terminal cost.
+    """
+    if (
+        plant.fixed_time
+        or plant.terminal_cost is not None
+        or not plant.terminal.plain
+        or plant.goal.tolerance is not None
+    ):
+        return None
     return _kernel(plant, step, os.environ.get("CC"), os.environ.get("PATH"))
 
 
@@ -74,7 +84,10 @@ def run_compiled(
     goal, schedule = problem.goal, tracking.schedule
     steps, evaluations = map(np.ascontiguousarray, _steps(problem, dt, tracking))
     # Named, so that they live until the program returns.
-    boxes, target = [np.ascontiguousarray(each) for each in box_arrays(problem)], np.ascontiguousarray(goal.state)
+    boxes, target = (
+        [np.ascontiguousarray(each) for each in box_arrays(problem)],
+        problem.terminal.states(problem.context.centre[None])[0].copy(),
+    )
     end, out = np.array(states, dtype=np.float64), np.empty((len(states), 5))
     given, knot_step = np.ascontiguousarray(contexts), np.ascontiguousarray(schedule.knot_step)
     program(
@@ -114,8 +127,14 @@ def run(policy: TrackingPolicy, simulator: Simulator, states: Array, contexts: A
     size, radius = len(x), problem.goal.radius
     ends, evaluations = _steps(problem, policy.dt, tracking)
     path = Violations(problem, policy.dt, x, contexts, schedule.knot_step)
-    error = at_end = problem.goal_error(x)
-    cost, entered, left, none = np.zeros(size), error < radius, np.zeros(size, bool), np.zeros(size, bool)
+    error = at_end = problem.goal_error(x, contexts)
+    earliest = ends if problem.fixed_time else np.zeros_like(ends)
+    cost, entered, left, none = (
+        np.zeros(size),
+        (error < radius) & (earliest == 0),
+        np.zeros(size, bool),
+        np.zeros(size, bool),
+    )
     for step in range(1, int(evaluations.max(initial=0)) + 1):
         planned = step <= ends
         regulated = ~planned & (step <= evaluations) & (at_end < radius) & (path.clearance > 0)
@@ -128,8 +147,12 @@ def run(policy: TrackingPolicy, simulator: Simulator, states: Array, contexts: A
         path.add(step, running, x, result.states)
         cost += np.where(running & ~entered, result.cost, 0.0)
         left |= running & result.left_box
-        error = np.where(running, problem.goal_error(result.states), error)
+        error = np.where(running, problem.goal_error(result.states, contexts), error)
         at_end = np.where(planned, error, at_end)
-        entered |= running & (error < radius) & ~left
+        enters = running & ~entered & ~left & (error < radius) & (step >= earliest)
+        if problem.terminal_cost is not None:
+            (terminal,) = problem.batch_terminal_cost()(result.states, contexts)
+            cost += np.where(enters | (running & ~entered & ~left & (step == evaluations)), terminal[:, 0], 0.0)
+        entered |= enters
         x = np.where(running[:, None], result.states, x)
     return Ended(cost, at_end, path.clearance, left, error < radius)

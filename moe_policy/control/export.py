@@ -41,11 +41,16 @@ def write(policy: TrackingPolicy, folder: Path, name: str, margin: float) -> Pat
 
     Raises:
         TypeError: the policy's planner is no network.
-        ValueError: a name that is no identifier of C.
+        ValueError: a name that is no identifier of C, or a goal that is not one state for all instances.
     """
     planner, problem = policy.planner, policy.problem
     if not isinstance(planner, NetworkPlanner):
         raise TypeError(f"to_c: expected a policy whose planner is a NetworkPlanner, got {planner!r}")
+    if policy.regulator.varies or not (problem.terminal.plain and problem.numeric_duration):
+        raise ValueError(
+            f"to_c: {problem.id} has a goal, a duration or gains at the goal that depend on the context, or a goal "
+            "that is no single state; only policies to one goal state can be written as C"
+        )
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name):
         raise ValueError(f"name: expected a name of C, of letters, digits and underscores, got {name!r}")
     functions = [
@@ -87,18 +92,19 @@ def _sizes(problem: OptimalControlProblem, dt: float) -> dict[str, int]:
         "NC": len(problem.context),
         "KNOTS": problem.knots,
         "PLAN": problem.flat_size,
-        "LENGTH": int(count_steps(problem.duration[1], dt)) + 1,
+        "LENGTH": int(count_steps(problem.longest, dt)) + 1,
     }
 
 
 def _numbers(planner: NetworkPlanner, regulator: Regulator) -> dict[str, float | int]:
     """The other numbers of a policy, by macro."""
     problem, network = planner.problem, planner.network
+    shortest, longest = problem.durations(problem.context.centre[None])[0].tolist()
     parts = [network.gate, *network.experts] if isinstance(network, MixtureOfExperts) else [network]
     return {
         "DT": regulator.dt,
-        "SHORTEST": problem.duration[0],
-        "LONGEST": problem.duration[1],
+        "SHORTEST": shortest,
+        "LONGEST": longest,
         "COUNT_TOLERANCE": TOLERANCE,
         "SEAM": SEAM,
         "AUTHORITY": regulator.weights.authority,
@@ -128,13 +134,13 @@ def _arrays(planner: NetworkPlanner, regulator: Regulator) -> Iterator[str]:
         "state_lower": state.lower,
         "state_upper": state.upper,
         **dict(zip(("period", "control_lower", "control_upper"), box_arrays(problem))),
-        "goal_state": problem.goal.state,
-        "goal_control": problem.goal.control,
+        "goal_state": problem.terminal.states(problem.context.centre[None])[0],
+        "goal_control": problem.terminal.controls(problem.context.centre[None])[0],
         "weight_state": weights.state,
         "weight_control": weights.control,
-        "weight_terminal": regulator.terminal,
-        "hold_gain": regulator.hold,
-        "hold_norm": regulator.hold_norm,
+        "weight_terminal": regulator.central.terminal,
+        "hold_gain": regulator.central.gain,
+        "hold_norm": regulator.central.norm,
     }
     yield from (_array("double", name, value) for name, value in values.items())
     yield _array("int", "slot", slot)

@@ -13,6 +13,8 @@ which controls are projected onto their bounds (:mod:`moe_policy.control.project
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from moe_policy.control.program import compiled
@@ -26,6 +28,21 @@ from ocp_envs.support.arrays import Array, Ints
 TERMINAL_FACTOR = 10.0
 
 
+#: Contexts whose gains a regulator keeps at most.
+_MOST_KNOWN = 100_000
+
+
+class Held(NamedTuple):
+    """What holds at the goal: ``gain`` K (nu, nx) and ``norm`` H (nu, nu), 0 and I where the goal cannot be held.
+
+    The weight at the end of a plan is ``terminal`` (nx, nx).
+    """
+
+    gain: Array
+    norm: Array
+    terminal: Array
+
+
 class Regulator:
     """Feedback gains for one problem and one control period.
 
@@ -35,9 +52,8 @@ class Regulator:
         weights: tracking weights; :meth:`TrackingWeights.default` where not given.
 
     Attributes:
-        hold: gain at the goal, (nu, nx); zero where the goal cannot be held.
-        hold_norm: H at the goal, (nu, nu); the identity where the goal cannot be held.
-        terminal: weight at the end of a plan, (nx, nx).
+        central: what holds at the goal in the centre of the contexts; in all of them, unless ``varies``.
+        varies: whether gains at the goal depend on the context.
         substeps: Runge-Kutta steps in a control step.
 
     Raises:
@@ -56,16 +72,47 @@ class Regulator:
         # The substeps of the simulator, so that the discrete step linearised is the one it takes.
         self.substeps = runge_kutta_steps(problem, dt)
         self.problem, self.dt, self.weights = problem, float(dt), weights
-        self.hold, self.hold_norm, end = self._at_goal()
-        self.terminal: Array = end if weights.terminal is None else weights.terminal
+        self.central = self._solved(problem.context.centre)
+        self.varies = self._varies()
+        self._known: dict[bytes, Held] = {}
 
-    def _at_goal(self) -> tuple[Array, Array, Array]:
-        """Gain, H and cost-to-go at the goal (0, I, 10 Q where it cannot be held) for the centre of the contexts."""
+    def _varies(self) -> bool:
+        """Whether the linearisation at the goal differs in some contexts."""
+        box = self.problem.context
+        if self.problem.hold == 0 or not len(box):
+            return False
+        rng = np.random.Generator(np.random.Philox(key=20190622))
+        a, b = self._linear(np.vstack([box.centre, box.lower, box.upper, box.draw(rng, 8)]))
+        return bool((a != a[0]).any() or (b != b[0]).any())
+
+    def _linear(self, contexts: Array) -> tuple[Array, Array]:
+        """A (B, nx, nx) and B (B, nx, nu) at the goal in ``contexts`` (B, nc)."""
+        terminal = self.problem.terminal
+        return self.linearise(terminal.states(contexts), terminal.controls(contexts), contexts)
+
+    def at_goal(self, contexts: Array) -> Held:
+        """What holds at the goal in ``contexts`` (B, nc), with arrays (B, …)."""
+        size = len(contexts)
+        if not self.varies:
+            return Held(*(np.broadcast_to(part, (size, *part.shape)) for part in self.central))
+        if len(self._known) > _MOST_KNOWN:
+            self._known.clear()
+        rows = []
+        for context in np.ascontiguousarray(contexts, dtype=np.float64):
+            key = context.tobytes()
+            if key not in self._known:
+                self._known[key] = self._solved(context)
+            rows.append(self._known[key])
+        return Held(*(np.array(part).reshape(size, *known.shape) for part, known in zip(zip(*rows), self.central)))
+
+    def _solved(self, context: Array) -> Held:
+        """What holds at the goal in a ``context`` (nc,)."""
         problem, weights = self.problem, self.weights
         nx, nu = problem.system.nx, problem.system.nu
         if problem.hold == 0:
-            return np.zeros((nu, nx)), np.eye(nu), TERMINAL_FACTOR * np.diag(weights.state)
-        a, b = self.linearise(problem.goal.state[None], problem.goal.control[None], problem.context.centre[None])
+            end = TERMINAL_FACTOR * np.diag(weights.state) if weights.terminal is None else weights.terminal
+            return Held(np.zeros((nu, nx)), np.eye(nu), end)
+        a, b = self._linear(context[None])
         r = np.diag(weights.control)
         import control  # not before a regulator is computed: python-control loads matplotlib
 
@@ -76,7 +123,8 @@ class Regulator:
                 f"{problem.id}: there is no linear regulator that holds the goal with dt = {self.dt:g} s and these "
                 f"weights ({error}); choose others, or declare hold=0.0"
             ) from error
-        return np.asarray(gain), np.asarray(r + b[0].T @ cost_to_go @ b[0]), np.asarray(cost_to_go)
+        end = np.asarray(cost_to_go) if weights.terminal is None else weights.terminal
+        return Held(np.asarray(gain), np.asarray(r + b[0].T @ cost_to_go @ b[0]), end)
 
     def linearise(self, states: Array, controls: Array, contexts: Array) -> tuple[Array, Array]:
         """Derivatives A (B, nx, nx) and B (B, nx, nu) of the step of ``dt`` seconds.
@@ -97,10 +145,10 @@ class Regulator:
         size, longest, nu = controls.shape
         nx = states.shape[2]
         gains, norms = np.empty((size, longest + 1, nu, nx)), np.empty((size, longest + 1, nu, nu))
-        gains[:], norms[:] = self.hold, self.hold_norm
-        weights = self.weights
+        held, weights = self.at_goal(contexts), self.weights
+        gains[:], norms[:] = held.gain[:, None], held.norm[:, None]
         r = weights.control_at(controls, self.problem.system.control)
-        plans = References(states, controls, contexts, steps, weights.state, r, self.terminal)
+        plans = References(states, controls, contexts, steps, weights.state, r, held.terminal)
         program = compiled(self.problem, self.substeps)
         if program is None:
             run(self.linearise, plans, gains, norms)

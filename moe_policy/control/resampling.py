@@ -44,13 +44,13 @@ class Resampled(Batch):
 def mean_controls(plan: Trajectory, dt: float, steps: int, after: Array) -> Array:
     """Time averages of the plans' controls over the first ``steps`` control steps of ``dt`` seconds.
 
-    They are (B, steps, nu) for B plans in ``plan``; past the end of a plan its control is ``after`` (nu,).
+    They are (B, steps, nu) for B plans in ``plan``; past the end of a plan its control is ``after`` (B, nu).
     """
     step = plan.step[:, None]
     integral = np.concatenate(
         [np.zeros_like(plan.controls[:, :1]), np.cumsum(plan.controls * step[..., None], axis=1)], axis=1
     )
-    held = np.concatenate([plan.controls, np.broadcast_to(after, (len(plan), 1, after.size))], axis=1)
+    held = np.concatenate([plan.controls, after[:, None]], axis=1)
     times = dt * np.arange(steps + 1)
     interval = np.minimum((times / step).astype(np.int64), plan.knots - 1)
     rows = np.arange(len(plan))[:, None]
@@ -100,6 +100,6 @@ class Resampler:
         times = self.dt * np.arange(longest + 1, dtype=np.float64)
         return Resampled(
             states=states_at(self.problem.batch_rate(), plan, contexts, times),
-            controls=mean_controls(plan, self.dt, longest, self.problem.goal.control),
+            controls=mean_controls(plan, self.dt, longest, self.problem.terminal.controls(contexts)),
             steps=steps,
         )

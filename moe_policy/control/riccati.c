@@ -75,14 +75,14 @@ static void backwards(const double *columns, const double *q, const double *r, s
 }
 
 /* Gains (rows, length, NU, NX) and norms (rows, length, NU, NU) before the steps of each row, at most length - 1; those
-from there on stay. Arrays as in Regulator.along; r is (rows, length - 1, NU), q (NX) and terminal (NX, NX). */
+from there on stay. Arrays as in Regulator.along; r is (rows, length - 1, NU), q (NX) and terminal (rows, NX, NX). */
 LOCAL void along(long long rows, long long length, const long long *steps, const double *states, const double *controls,
            const double *contexts, long long context, double dt, const double *q, const double *r,
            const double *terminal, double *gains, double *norms) {
   double columns[NX * (NX + NU)], work[LINEARISATION_W + 1];
   for (long long row = 0; row < rows; ++row) {
     state_matrix p;
-    for (int i = 0; i < NX * NX; ++i) (&p[0][0])[i] = terminal[i];
+    for (int i = 0; i < NX * NX; ++i) (&p[0][0])[i] = terminal[row * NX * NX + i];
     for (long long k = steps[row] - 1; k >= 0; --k) {
       const long long at = row * length + k, input = row * (length - 1) + k;
       const double *arguments[] = {states + at * NX, controls + input * NU, contexts + row * context, &dt};

@@ -23,7 +23,7 @@ class References(NamedTuple):
 
     The references ``states`` (B, T+1, nx), the feed-forward ``controls`` (B, T, nu), ``contexts`` (B, nc), the numbers
     of control ``steps`` (B,), at most T, and the diagonals of Q, ``q`` (nx,), and R, ``r`` (B, T, nu); the recursion
-    begins with ``terminal`` (nx, nx).
+    begins with ``terminal`` (B, nx, nx).
     """
 
     states: Array
@@ -64,11 +64,11 @@ def run_compiled(program: Callable[..., None], plans: References, dt: float, gai
 
 def run(linearise: Linearise, plans: References, gains: Array, norms: Array) -> None:
     """The recursion of ``plans`` with the derivatives of ``linearise``, into ``gains`` and ``norms``."""
-    size, longest, nu = plans.controls.shape
+    _, longest, nu = plans.controls.shape
     # The longest plans first: at each control step the plans under way are a prefix.
     order = np.argsort(-plans.steps, kind="stable")
     under_way = np.searchsorted(-plans.steps[order], -np.arange(longest), side="left")
-    q, p, unit_matrix = np.diag(plans.q), np.tile(plans.terminal, (size, 1, 1)), np.eye(nu)
+    q, p, unit_matrix = np.diag(plans.q), np.array(plans.terminal), np.eye(nu)
     for k, a, b in _backwards(linearise, plans, order, under_way):
         n, rows = len(a), order[: len(a)]
         bp = b.swapaxes(1, 2) @ p[:n]

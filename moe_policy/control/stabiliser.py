@@ -34,15 +34,16 @@ class Stabiliser(ModelPolicy):
         self.problem, self.regulator = problem, Regulator(problem, dt, weights)
         self.dt = self.regulator.dt
 
-    def controls(self, states: Array) -> Array:
-        """Controls (B, nu) at ``states`` (B, nx)."""
-        problem, regulator = self.problem, self.regulator
-        wanted = problem.goal.control - problem.system.difference(states, problem.goal.state) @ regulator.hold.T
-        norm = np.broadcast_to(regulator.hold_norm, (len(states), *regulator.hold_norm.shape))
-        return project(wanted, norm, problem.system.control)
+    def controls(self, states: Array, contexts: Array) -> Array:
+        """Controls (B, nu) at ``states`` (B, nx) in ``contexts`` (B, nc)."""
+        problem, regulator, terminal = self.problem, self.regulator, self.problem.terminal
+        error = problem.system.difference(states, terminal.states(contexts))
+        held = regulator.at_goal(contexts)
+        wanted = terminal.controls(contexts) - (held.gain @ error[..., None])[..., 0]
+        return project(wanted, held.norm, problem.system.control)
 
     def act(self, observations: NDArray[np.floating], state: State, begins: Bools) -> tuple[Array, State]:
-        return self.controls(split(self.problem, observations)[0]), None
+        return self.controls(*split(self.problem, observations)), None
 
     def __repr__(self) -> str:
         return f"Stabiliser({self.problem.id!r}, dt={self.dt})"
@@ -88,12 +89,12 @@ class Stabilised(ModelPolicy):
             self.policy.check(env)
 
     def act(self, observations: NDArray[np.floating], state: Entered | None, begins: Bools) -> tuple[Array, Entered]:
-        x, _ = split(self.problem, observations)
+        x, contexts = split(self.problem, observations)
         before = np.zeros(len(x), bool) if state is None else state.entered & ~begins
-        entered = before | (self.problem.goal_error(x) < self.problem.goal.radius)
+        entered = before | (self.problem.goal_error(x, contexts) < self.problem.goal.radius)
         inner = None if state is None else state.inner
         controls, inner = act(self.policy, observations, inner, begins)
-        return np.where(entered[:, None], self.stabiliser.controls(x), controls), Entered(inner, entered)
+        return np.where(entered[:, None], self.stabiliser.controls(x, contexts), controls), Entered(inner, entered)
 
     def __repr__(self) -> str:
         return f"Stabilised({self.policy!r}, {self.problem.id!r}, dt={self.dt})"

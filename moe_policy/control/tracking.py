@@ -105,7 +105,9 @@ class TrackingPolicy(ModelPolicy):
             np.where(after[..., None], ends[:, None], states),
             np.where(after[..., None], held[:, None], controls),
         )
-        gains[after], norms[after] = self.regulator.hold, self.regulator.hold_norm
+        if rejected.any():
+            at_goal = self.regulator.at_goal(contexts[rejected])
+            gains[rejected], norms[rejected] = at_goal.gain[:, None], at_goal.norm[:, None]
         plan_end = steps * self.dt
         knot_step = np.where(rejected, np.nan, plan.step)
         schedule = Schedule(plan_end, plan_end + problem.hold, knot_step, clipped & ~rejected, rejected)
@@ -167,9 +169,9 @@ class TrackingPolicy(ModelPolicy):
 
         Raises:
             TypeError: the planner is no :class:`~moe_policy.planners.network.NetworkPlanner`.
-            ValueError: a name that is no identifier.
+            ValueError: a name that is no identifier, or a goal that is not one state for all instances.
         """
-        return write(self, Path(folder), name, ROUNDING * self.problem.duration[1])
+        return write(self, Path(folder), name, ROUNDING * self.problem.longest)
 
     def __repr__(self) -> str:
         return f"TrackingPolicy({self.problem.id!r}, {self.planner!r}, dt={self.dt})"

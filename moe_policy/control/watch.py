@@ -128,7 +128,7 @@ class Watch:
         (before, context), (after, now) = (split(self.problem, each) for each in (last.observations, observations))
         box, system = self.problem.system.control, self.problem.system
         reach = np.zeros_like(before)
-        for control in (last.actions, self.problem.goal.control, box.lower, box.upper):
+        for control in (last.actions, self.problem.terminal.controls(context), box.lower, box.upper):
             following = self._flow(before, np.broadcast_to(control, last.actions.shape), context)
             reach = np.fmax(reach, np.abs(following - before))
         far = np.abs(system.difference(after, before)) > _MARGIN * reach + _SLACK * system.state.width

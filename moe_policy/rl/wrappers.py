@@ -186,7 +186,8 @@ class VectorNearStarts(VectorWrapper[Float32, Array, Float32, Array, Array]):
         """Parameters of one episode for each environment, (num_envs, np)."""
         problem, count, box = self._base.problem, self.num_envs, self._base.problem.parameters
         p = self._base.options.draw_parameters([self._rng] * count)
-        resting = problem.parameters_of(np.tile(problem.goal.state, (count, 1)), problem.start(p)[1])
+        _, contexts = problem.start(p)
+        resting = problem.parameters_of(problem.terminal.states(contexts), contexts)
         goal = np.clip(resting, box.lower, box.upper)
         factor = np.where(self._rng.random(count) < self._fraction, self._rng.random(count), 1.0)
         nearer = goal + factor[:, None] * (p - goal)

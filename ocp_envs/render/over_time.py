@@ -41,7 +41,7 @@ def plot_trajectory(problem: ProblemOrId, trajectory: Trajectory, axes: Axes = N
     times = trajectory.times.T
     for i, panel in enumerate(panels[: system.nx]):
         panel.plot(times, trajectory.states[:, :, i].T, lw=1.5)
-        for target in np.unique(problem.targets[:, i]):
+        for target in np.unique(problem.targets[:, i]) if problem.terminal.fixed[i] else ():
             panel.axhline(target, color=GOAL, lw=1, ls=":")
     held = np.concatenate([trajectory.controls, trajectory.controls[:, -1:]], axis=1)
     for i, panel in enumerate(panels[system.nx :]):

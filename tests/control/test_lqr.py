@@ -60,8 +60,8 @@ def test_long_riccati_recursion_reaches_the_algebraic_solution(problem):
     p = solve_discrete_are(a[0], b[0], np.eye(nx), 0.1 * np.eye(nu))
     exact = np.linalg.solve(0.1 * np.eye(nu) + b[0].T @ p @ b[0], b[0].T @ p @ a[0])
     np.testing.assert_allclose(gains[0, 0], exact, rtol=1e-5, atol=1e-6)
-    np.testing.assert_allclose(regulator.hold, exact, rtol=1e-6, atol=1e-8)
-    np.testing.assert_allclose(norms[0, 0], regulator.hold_norm, rtol=1e-5)
+    np.testing.assert_allclose(regulator.central.gain, exact, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(norms[0, 0], regulator.central.norm, rtol=1e-5)
     assert np.abs(control.dlqr(a[0], b[0], np.eye(nx), 0.1 * np.eye(nu))[2]).max() < 1
 
 
@@ -76,7 +76,7 @@ def test_riccati_is_the_optimum_of_the_finite_horizon_problem():
     a, b = regulator.linearise(reference.states[0, :-1], reference.controls[0], rows)
     free, forced = np.eye(2), np.zeros((2, steps))
     blocks, targets = [], []
-    root = np.linalg.cholesky(regulator.terminal).T
+    root = np.linalg.cholesky(regulator.central.terminal).T
     for k in range(steps):
         free, forced = a[k] @ free, a[k] @ forced
         forced[:, k] = b[k, :, 0]
@@ -99,14 +99,15 @@ def test_plans_of_different_lengths_do_not_touch_each_other():
         np.testing.assert_allclose(together.gains[row, :length], alone.gains[0], rtol=1e-9)
         np.testing.assert_allclose(together.states[row, :length], alone.states[0], rtol=1e-12)
         np.testing.assert_array_equal(
-            together.gains[row, length:], np.broadcast_to(policy.regulator.hold, together.gains[row, length:].shape)
+            together.gains[row, length:],
+            np.broadcast_to(policy.regulator.central.gain, together.gains[row, length:].shape),
         )
 
 
 def test_a_goal_that_cannot_be_held_has_no_hold_gain():
     regulator = Regulator(WALLED_INTEGRATOR, DT)
-    assert not regulator.hold.any()
-    np.testing.assert_array_equal(regulator.terminal, 10 * np.diag(regulator.weights.state))
+    assert not regulator.central.gain.any()
+    np.testing.assert_array_equal(regulator.central.terminal, 10 * np.diag(regulator.weights.state))
 
 
 @pytest.mark.parametrize("weights", [([1.0], [1.0]), ([1.0, 1.0], [1.0], np.eye(3)), ([1.0, 1.0], [1.0, 2.0])])

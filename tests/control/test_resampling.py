@@ -20,7 +20,7 @@ def test_the_mean_control_is_the_integral_over_each_control_step():
     plan, _ = random_plan(PENDULUM, 3)
     after = np.array([0.7])
     steps = 160
-    means = mean_controls(plan, DT, steps, after)
+    means = mean_controls(plan, DT, steps, np.tile(after, (len(plan), 1)))
     fine = (np.arange(steps * 4000) + 0.5) * DT / 4000
     for row in range(3):
         interval = np.minimum((fine / plan.step[row]).astype(int), plan.knots - 1)
