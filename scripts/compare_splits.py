@@ -5,9 +5,11 @@ All run from the same initial conditions through the same rollout loop: those of
 box), as far as the problem has them; ``scripts/make_splits.py`` makes the hard ones. With ``--seeds`` also the networks
 that ``scripts/compare_training.py`` trained with several seeds, all with equal settings. Writes
 ``compare_splits_<env>.json``, with the curves over the distance from the discontinuity, and the picture
-``splits_<env>.png``. The pendulum takes about two minutes.
+``splits_<env>.png``. The pendulum takes about two minutes. With ``--names`` other shipped planners than those of the
+benchmark alone, whose rows are added to those of ``results/``.
 
     python scripts/compare_splits.py --env GroundVehicle-v0
+    python scripts/compare_splits.py --env GroundVehicle-v0 --names moe-auto --seeds 3
     python scripts/compare_splits.py --cases 100
 """
 
@@ -22,8 +24,8 @@ from moe_policy.experiments import cli, trainings
 from moe_policy.experiments.comparison import run, track_optimum
 from moe_policy.experiments.distances import DistanceCurves
 from moe_policy.experiments.figures.generalisation import splits_figure
-from moe_policy.experiments.methods import Method, shipped, stabiliser
-from moe_policy.experiments.records import ABSENT
+from moe_policy.experiments.methods import Method, chosen, shipped, stabiliser
+from moe_policy.experiments.records import ABSENT, read
 from moe_policy.experiments.split_table import SPLIT_COLUMNS, lines
 from moe_policy.experiments.splits import (
     BINNED,
@@ -77,7 +79,7 @@ def compare_on(
     Solutions are kept in the folder ``data``.
     """
     p = cases.parameters
-    optimum = track_optimum(problem, p, cases.cost, methods, data / "optimal" / problem.id)
+    optimum = track_optimum(problem, p, cases.cost, shipped(problem), data / "optimal" / problem.id)
     episodes = {"optimal": optimum.episodes}
     rows = {"optimal": SplitRow.of(problem, optimum.row, optimum.episodes)}
     for method in track(methods, len(methods), unit="method", label=split, leave=False):
@@ -122,17 +124,17 @@ def curves_of(problem: OptimalControlProblem, outcomes: Mapping[str, Outcome]) -
 
 def compare(
     problem: OptimalControlProblem,
+    methods: Sequence[Method],
     networks: Mapping[Run, NetworkPlanner],
     splits: Sequence[str],
     count: int | None,
     data: Path,
 ) -> SplitComparison:
-    """The record of all methods and ``networks`` on the first ``count`` instances, or all, of each of ``splits``.
+    """The record of ``methods`` and ``networks`` on the first ``count`` instances, or all, of each of ``splits``.
 
     Solutions are kept in the folder ``data``.
     """
     began = time.perf_counter()
-    methods = [*shipped(problem, cli.RECORDS), *stabiliser(problem)]
     sets = {split: reference.load(problem, SPLITS[split]) for split in splits}
     cli.at_most(count, max(map(len, sets.values())), "instances in the largest split")
     outcomes = {
@@ -162,15 +164,23 @@ def main() -> None:
         type=cli.positive,
         help="compare networks of N seeds of scripts/compare_training.py, too",
     )
+    parser.add_argument(
+        "--names", nargs="+", metavar="NAME", help="shipped networks whose rows are added to the record"
+    )
     arguments = parser.parse()
     cli.threads()
     problem = arguments.problem
     there = [split for split, name in SPLITS.items() if name == "validation" or name in sets_of(problem).hard]
     if missing := [split for split in arguments.splits or () if split not in there]:
         parser.error(f"argument --splits: {problem.id} has no {missing[0]!r}; there are {', '.join(there)}")
-    networks = {} if arguments.seeds is None else trainings.networks(problem, arguments.data, arguments.seeds)
-    record = compare(problem, networks, arguments.splits or there, arguments.cases, arguments.data)
-    cli.publish(arguments, f"compare_splits_{problem.id}", record)
+    names, seeds, name = arguments.names, arguments.seeds, f"compare_splits_{problem.id}"
+    networks = {} if seeds is None else trainings.networks(problem, arguments.data, seeds, names)
+    methods = [*shipped(problem, cli.RECORDS), *stabiliser(problem)] if names is None else chosen(problem, names)
+    record = compare(problem, methods, networks, arguments.splits or there, arguments.cases, arguments.data)
+    if names is not None:
+        with cli.option("--names"):
+            record = read(cli.RECORDS / f"{name}.json", SplitComparison).with_rows(record, names)
+    cli.publish(arguments, name, record)
     figure = splits_figure(arguments.results / f"splits_{problem.id}.png", problem, record)
     cli.say(f"\n{text_table(lines(record), SPLIT_COLUMNS)}")
     cli.say(f"{record.seconds:.0f} s; wrote {figure}")

@@ -105,7 +105,7 @@ def parse_arguments() -> argparse.Namespace:
         "--names",
         metavar="NAME",
         nargs="+",
-        help="train these alone; with --ship the results are of the kept models",
+        help="train these alone, such as moe-auto with --over-seeds; with --ship the results are of the kept models",
     )
     parser.add_argument(
         "--over-seeds",
@@ -122,7 +122,7 @@ def main() -> None:
     folders = Folders(arguments.data / problem.id, arguments.data / "compare_training" / problem.id)
     training, benchmark = cli.database(arguments, "training"), benchmark_of(problem)
     if arguments.over_seeds:
-        equal = trainings.over_seeds(training, arguments.seeds)
+        equal = trainings.over_seeds(training, arguments.seeds, arguments.names)
         trainings.train_all(problem, {run: run.key(training.key) for run in equal}, folders, arguments.workers)
         return
     total = len(training.solved(training.first(benchmark.training.instances)))

@@ -30,7 +30,7 @@ from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.details import Figure
 from moe_policy.experiments.figures.sketch import mixture_figure
 from moe_policy.experiments.learners import learner_trainings
-from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable, Sources, overview_rows
+from moe_policy.experiments.overview import FOUND, OVERVIEW_COLUMNS, OverviewTable, Sources, overview_rows
 from moe_policy.experiments.paper_tables import (
     TRAINING_COLUMNS,
     Source,
@@ -42,7 +42,7 @@ from moe_policy.experiments.paper_tables import (
 )
 from moe_policy.experiments.records import ABSENT, Record, present, read, write
 from moe_policy.experiments.seeds import Model, Training, TrainingComparison, TrainingRow
-from moe_policy.experiments.splits import SplitComparison
+from moe_policy.experiments.splits import SplitComparison, uniform_row
 from moe_policy.experiments.tables import markdown_table
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.problem import OptimalControlProblem
@@ -110,11 +110,13 @@ class Made:
         if self.quick:
             return Sources(self.comparison)
         path = self.results / f"compare_splits_{self.problem.id}.json"
-        seeds = present(read(path, SplitComparison).seeds) if path.exists() else None
+        splits, cases = read(path, SplitComparison) if path.exists() else None, self.comparison.cases
         learners = learner_trainings(self.results, self.problem)
-        checks = self.results / f"planners_checked_{self.problem.id}.json"
-        checked = checked_row(checks, self.comparison.cases)
-        return Sources(self.comparison, self.trained.rows, learners, seeds or (), checked)
+        checked = checked_row(self.results / f"planners_checked_{self.problem.id}.json", cases)
+        found = None if splits is None else uniform_row(splits, FOUND, cases)
+        seeds = None if splits is None else present(splits.seeds)
+        others = [row for row in (checked, found) if row is not None]
+        return Sources(self.comparison, self.trained.rows, learners, seeds or (), others)
 
     @cached_property
     def trained(self) -> TrainingComparison:

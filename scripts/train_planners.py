@@ -4,6 +4,7 @@ The planners go to ``runs/models/<env-id>/``, with ``--ship`` into the package. 
 
     python scripts/train_planners.py
     python scripts/train_planners.py --names snn moe-custom --seed 1
+    python scripts/train_planners.py --env GroundVehicle-v0 --names moe-auto --cases 36600
 """
 
 import time
@@ -15,7 +16,15 @@ from ocp_envs.support.pool import WorkerPool
 
 
 def main() -> None:
-    parser = cli.parser(__doc__, data=True, models=True, workers=True, seed=0, ship="put the planners into the package")
+    parser = cli.parser(
+        __doc__,
+        data=True,
+        models=True,
+        workers=True,
+        seed=0,
+        cases="training instances, those that are solved first, with the epochs of so few",
+        ship="put the planners into the package",
+    )
     parser.add_argument(
         "--names",
         metavar="NAME",
@@ -29,8 +38,9 @@ def main() -> None:
     cli.threads()
     problem, benchmark = arguments.problem, benchmark_of(arguments.problem)
     database = cli.database(arguments, "training")
-    samples = database.samples(database.first(benchmark.training.instances))
-    settings, seed = benchmark.training.settings, arguments.seed
+    seed, training, few = arguments.seed, benchmark.training, arguments.cases
+    samples = database.samples(database.first(few or training.instances))
+    settings = training.settings if few is None else training.settings_of(few)
     kept = arguments.data / problem.id / "training.continuation"
     with WorkerPool(arguments.workers) as pool:
         for name in arguments.names or ("nearest", *benchmark.planners.trained):
@@ -38,7 +48,7 @@ def main() -> None:
             chosen = samples[: benchmark.planners.stored] if name == "nearest" else samples
             planner = recipes.make(name, chosen, settings=settings, seed=seed, executor=pool, kept=kept)
             planner.save(arguments.models / problem.id / name)
-            cli.say(f"{name}: {len(chosen)} samples, {time.perf_counter() - began:.1f} s")
+            cli.say(f"{name}: {len(chosen)} samples, {settings.epochs} epochs, {time.perf_counter() - began:.1f} s")
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ distance. A bin has a fraction of successes with Wilson's interval, or a mean vi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -138,3 +138,11 @@ class DistanceCurves(Record):
             distance_unknown=int((~known).sum()),
             metrics=metrics,
         )
+
+    def with_methods(self, other: DistanceCurves, names: Collection[str]) -> DistanceCurves:
+        """These curves with those of ``names`` in ``other``, on the same instances."""
+        metrics = {
+            measure: found | {name: bins for name, bins in other.metrics[measure].items() if name in names}
+            for measure, found in self.metrics.items()
+        }
+        return replace(self, metrics=metrics)

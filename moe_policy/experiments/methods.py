@@ -88,11 +88,7 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
     methods = []
     if (nearest := store.shipped_nearest(problem)) is not None:
         methods.append(Method("nearest", nearest, solutions(len(nearest.parameters))))
-    for name in benchmark.planners.compared:
-        if name in known:
-            planner = store.load(problem, name, kind=NetworkPlanner)
-            record = planner.details
-            methods.append(Method(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
+    methods += chosen(problem, [name for name in benchmark.planners.compared if name in known])
     for name in benchmark.learners.settings:
         if name in known:
             policy = store.load(problem, name, kind=LearnedPolicy)
@@ -100,6 +96,16 @@ def shipped(problem: OptimalControlProblem, results: Path | None = None) -> list
             training = None if path is None or not path.exists() else read(path, LearnerTraining)
             count = cast(int, policy.details["steps"]) if training is None else training.run.steps
             methods.append(Method(name, policy, steps(count), None if training is None else training.run.seconds))
+    return methods
+
+
+def chosen(problem: OptimalControlProblem, names: Sequence[str]) -> list[Method]:
+    """The shipped networks of ``problem`` called ``names``."""
+    methods = []
+    for name in names:
+        planner = store.load(problem, name, kind=NetworkPlanner)
+        record = planner.details
+        methods.append(Method(name, planner, solutions(record["samples"]), record["training"]["seconds"]))
     return methods
 
 

@@ -47,6 +47,8 @@ EQUALLY_TRAINED = {
     "success_clear_0.05": "within 5 cm",
     "violation_mean": "mean violation on the whole path, m",
 }
+#: The mixture over families that continuation finds.
+FOUND = "moe-auto"
 #: Title of the column of the learner, whose name follows its first value.
 RL = "RL"
 
@@ -59,6 +61,7 @@ def columns(overview: Overview) -> dict[str, str | None]:
         "SNN": "snn",
         "MoE, custom": "moe-custom",
         "MoE, k-means": overview.kmeans,
+        "MoE, found": FOUND,
         "MoE, checked": CHECKED,
         RL: overview.learner,
         "stabiliser": "stabiliser",
@@ -84,7 +87,7 @@ class Sources:
     trained: Sequence[TrainingRow] = ()  # networks over several seeds, on the same instances
     learners: Mapping[str, Sequence[LearnerTraining]] = field(default_factory=dict)  # learners over several seeds
     seeds: Sequence[SeedsRow] = ()  # networks over several seeds that were trained with equal settings
-    checked: ComparisonRow | None = None  # the checked planner on the same instances
+    others: Sequence[ComparisonRow] = ()  # methods that other records compare on the same instances
 
 
 @dataclass(frozen=True)
@@ -104,9 +107,7 @@ def overview_rows(sources: Sources, overview: Overview) -> list[OverviewRow]:
     networks were also trained with equal settings on fewer instances, these have rows of their own.
     """
     comparison, names = sources.comparison, columns(overview)
-    rows = {row.name: row for row in comparison.rows}
-    if sources.checked is not None:
-        rows[CHECKED] = sources.checked
+    rows = {row.name: row for row in (*comparison.rows, *sources.others)}
     shown = {title: rows[name].metrics for title, name in names.items() if name in rows}
     measures = _measures(list(shown.values()), comparison.cases)
     texts = {measure.title: {title: measure.of(found) for title, found in shown.items()} for measure in measures}

@@ -9,8 +9,8 @@ uniform instances at that distance.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -18,12 +18,13 @@ import numpy as np
 from moe_policy.experiments.comparison import ComparisonRow
 from moe_policy.experiments.distances import DistanceCurves, measures_of
 from moe_policy.experiments.metric_columns import METRICS
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, renamed
+from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
 from moe_policy.experiments.trainings import Run
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Estimate, Spread, disjoint
 from moe_policy.rollouts.metrics import Metrics
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import problem_of
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
 
@@ -141,6 +142,43 @@ class SplitComparison(Record):
     curves: DistanceCurves | None  # over the distance from the discontinuity; ``None`` where there is none
     seconds: float  # duration of the run
     provenance: Provenance  # of the record
+    added: dict[str, Provenance] | Absent = ABSENT  # of the rows that were added later, by method
+
+    def with_rows(self, other: SplitComparison, names: Collection[str]) -> SplitComparison:
+        """This record with the rows of ``names`` in ``other``, in place of its own of these names if any.
+
+        Raises:
+            ValueError: ``other`` is of other instances.
+        """
+        ours, theirs = ({split: found.cases for split, found in record.splits.items()} for record in (self, other))
+        if ours != theirs:
+            raise ValueError(f"rows cannot be added: the record has the cases {ours}, and the new rows {theirs}")
+        old = [row for row in self.rows if row.name not in names]
+        new = [row for row in other.rows if row.name in names]
+        before = [row for row in present(self.seeds) or () if row.name not in names]
+        mixed = {row.name: row for row in (*old, *new)}
+        problem = problem_of(self.env_id)
+        splits = {
+            split: replace(found, separations=separations(problem, {n: row.splits[split] for n, row in mixed.items()}))
+            for split, found in self.splits.items()
+        }
+        return replace(
+            self,
+            splits=splits,
+            rows=tuple(mixed.values()),
+            seeds=(*before, *(present(other.seeds) or ())) or ABSENT,
+            curves=None
+            if self.curves is None or other.curves is None
+            else self.curves.with_methods(other.curves, names),
+            added=(present(self.added) or {}) | dict.fromkeys(names, other.provenance),
+        )
+
+
+def uniform_row(record: SplitComparison, name: str, cases: int) -> ComparisonRow | None:
+    """The row of the method ``name`` on the split ``uniform``, if there is one and it is of so many ``cases``."""
+    if "uniform" not in record.splits or record.splits["uniform"].cases != cases:
+        return None
+    return next((method.splits["uniform"].row for method in record.rows if method.name == name), None)
 
 
 def separations(problem: OptimalControlProblem, rows: Mapping[str, SplitRow]) -> tuple[Separation, ...]:

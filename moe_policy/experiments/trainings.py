@@ -10,7 +10,7 @@ import dataclasses
 import hashlib
 import json
 import shutil
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from functools import lru_cache
@@ -98,14 +98,15 @@ def sizes_of(benchmark: Benchmark, total: int) -> list[tuple[int, TrainingSettin
     return [*smaller, (total, settings)]
 
 
-def over_seeds(database: ocp_envs.Database, seeds: int) -> Iterator[Run]:
-    """The runs of the compared networks with ``seeds`` seeds and equal settings, all on the same instances."""
+def over_seeds(database: ocp_envs.Database, seeds: int, names: Sequence[str] | None = None) -> Iterator[Run]:
+    """The runs of ``names``, by default the compared networks, with ``seeds`` seeds and equal settings, all on the same
+    instances."""
     benchmark = benchmark_of(database.problem)
     training = benchmark.training
     first, epochs = training.over_seeds or (training.instances, training.settings.epochs)
     total = len(database.solved(database.first(first)))
     settings = dataclasses.replace(training.settings, epochs=epochs)
-    for name in benchmark.planners.compared:
+    for name in benchmark.planners.compared if names is None else names:
         yield from (Run(name, seed, total, settings, first=first) for seed in range(seeds))
 
 
@@ -141,7 +142,8 @@ def train(problem: OptimalControlProblem, run: Run, folders: Folders, checkpoint
     if run.samples < len(samples):
         samples = samples[np.sort(np.random.default_rng(run.seed).permutation(len(samples))[: run.samples])]
     if run.hidden is None:
-        made = recipes.make(run.name, samples, settings=run.settings, seed=run.seed, checkpoints=checkpoints)
+        kept = folders.data / "training.continuation"
+        made = recipes.make(run.name, samples, settings=run.settings, seed=run.seed, checkpoints=checkpoints, kept=kept)
         assert isinstance(made, NetworkPlanner)
         return made
     sizes = layer_sizes(problem, run.hidden)
@@ -204,15 +206,18 @@ def execute_all(
     return models
 
 
-def networks(problem: OptimalControlProblem, data: Path, seeds: int) -> dict[Run, NetworkPlanner]:
-    """The compared networks of the benchmark that were trained with ``seeds`` seeds from the database in ``data``.
+def networks(
+    problem: OptimalControlProblem, data: Path, seeds: int, names: Sequence[str] | None = None
+) -> dict[Run, NetworkPlanner]:
+    """The networks ``names``, by default those that the benchmark compares, that were trained with ``seeds`` seeds from
+    the database in ``data``.
 
     Raises:
         FileNotFoundError: one was not trained; the message has the command that trains it.
     """
     folders = Folders(data / problem.id, data / "compare_training" / problem.id)
     training = ocp_envs.Database.open(folders.data / "training.zarr", problem)
-    found = {run: folders.model(run.key(training.key)) for run in over_seeds(training, seeds)}
+    found = {run: folders.model(run.key(training.key)) for run in over_seeds(training, seeds, names)}
     for run, path in found.items():
         if not Path(f"{path}.json").exists():
             command = f"scripts/compare_training.py --env {problem.id} --seeds {seeds} --over-seeds"

@@ -26,7 +26,7 @@ FORMS: Mapping[str, str] = MappingProxyType(
         "moe-custom": "a mixture over the problem's own solution families, trained decoupled",
         "moe-kmeans-<k>": "the same over k-means clusters of the trajectories",
         "moe-kmeans-pca-<k>": f"the same after a projection on {PRINCIPAL_COMPONENTS} principal components",
-        "moe-auto": "the same over solution families that continuation finds",
+        "moe-auto": "the same over solution families that continuation finds; one network where it finds one",
         "moe-auto-<k>": "the same over these families, split further into k parts",
         "moe-random": "a mixture with as many experts as moe-custom, trained jointly from random weights",
         "moe-retrained-argmax": "moe-custom, retrained as one network with argmax",
@@ -99,6 +99,8 @@ def make(
     if found := re.fullmatch(r"moe-auto(?:-(\d+))?", name):
         k = None if found[1] is None else int(found[1])
         labels = cluster(database, "continuation", k=k, kept=kept, executor=executor)
+        if labels.k == 1:  # nothing to choose from
+            return fit_single(database, name=name, **how)
         return fit_mixture(database, labels, executor=executor, name=name, **how)
     if name == "moe-random":
         return fit_mixture_jointly(database, cluster(database, "custom").k, **how)

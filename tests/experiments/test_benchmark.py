@@ -56,3 +56,8 @@ def test_a_problem_of_the_user_has_a_benchmark():
     assert benchmark.shipped == ("snn", "moe-custom")
     assert {perturbation.name for perturbation in benchmark.perturbations} >= {"noise", "delay"}
     assert (benchmark.figures.around, benchmark.figures.rise, benchmark.overview.learner) == (None, None, None)
+
+
+def test_fewer_training_instances_get_more_epochs():
+    training = benchmark_of(ocp_envs.load("GroundVehicle-v0")).training
+    assert [training.settings_of(count).epochs for count in (100, 3_000, 36_600)] == [100, 640, 200]

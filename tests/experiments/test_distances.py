@@ -59,6 +59,17 @@ def test_curves_count_successes_by_distance():
     }
 
 
+def test_curves_of_further_methods_are_added():
+    distances, few = np.full(50, 0.1), {"success": np.arange(50) < 30}
+    first, second = (
+        DistanceCurves.of(PENDULUM, distances, {name: episodes(50, **few) for name in names})
+        for names in (("sac",), ("ppo", "stabiliser"))
+    )
+    both = first.with_methods(second, ["ppo"])
+    assert list(both.metrics["success"]) == ["sac", "ppo"]
+    assert both.metrics["success"]["ppo"] == second.metrics["success"]["ppo"]
+
+
 def test_curves_round_an_obstacle_are_of_violations():
     deep = np.repeat([0.4, 0.1], 30)
     run = episodes(60, violation=deep, knot_violation=deep / 2, plan_end_error=np.zeros(60))

@@ -9,10 +9,10 @@ from moe_policy.experiments.benchmark.parts import Overview
 from moe_policy.experiments.checking import checked_row
 from moe_policy.experiments.comparison import Comparison, ComparisonRow, CostDifference
 from moe_policy.experiments.learners import learner_trainings
-from moe_policy.experiments.overview import OverviewTable, Sources, overview_rows
+from moe_policy.experiments.overview import FOUND, OverviewTable, Sources, overview_rows
 from moe_policy.experiments.records import present, read
 from moe_policy.experiments.seeds import TrainingComparison
-from moe_policy.experiments.splits import SplitComparison
+from moe_policy.experiments.splits import SplitComparison, uniform_row
 from moe_policy.rollouts.intervals import Mean, Proportion
 from moe_policy.rollouts.metrics import CostRatio, Metrics, Violation
 from ocp_envs.problems import BENCHMARK
@@ -58,9 +58,10 @@ def comparison(*rows):
 def sources(problem):
     compared = read(RESULTS / f"compare_{problem.id}.json", Comparison)
     trained = read(RESULTS / f"compare_training_{problem.id}.json", TrainingComparison)
-    seeds = read(RESULTS / f"compare_splits_{problem.id}.json", SplitComparison).seeds
+    splits = read(RESULTS / f"compare_splits_{problem.id}.json", SplitComparison)
     checked = checked_row(RESULTS / f"planners_checked_{problem.id}.json", compared.cases)
-    return Sources(compared, trained.rows, learner_trainings(RESULTS, problem), present(seeds) or (), checked)
+    others = [row for row in (checked, uniform_row(splits, FOUND, compared.cases)) if row is not None]
+    return Sources(compared, trained.rows, learner_trainings(RESULTS, problem), present(splits.seeds) or (), others)
 
 
 def test_the_committed_overview_follows_from_the_committed_comparisons():
@@ -88,7 +89,7 @@ def test_the_benchmark_chooses_among_alike_methods_however_they_did():
     assert [row.cells["RL"] for row in table] == [None, "3 (sac)", "1.000"]
     assert "SNN" not in table[0].cells
     assert "RL" not in overview_rows(Sources(compared), Overview())[1].cells
-    with_checked = overview_rows(Sources(compared, checked=row("checked", 10, 9, 1.5)), Overview())
+    with_checked = overview_rows(Sources(compared, others=[row("checked", 10, 9, 1.5)]), Overview())
     assert [one.cells["MoE, checked"] for one in with_checked] == ["9", "10", "1.500"]
 
 

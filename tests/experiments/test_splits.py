@@ -1,6 +1,7 @@
 """Separations, cost differences and the table of the splits, against counts by hand."""
 
 import numpy as np
+import pytest
 
 from moe_policy.experiments.comparison import ComparisonRow
 from moe_policy.experiments.split_table import SPLIT_COLUMNS, Line
@@ -8,8 +9,12 @@ from moe_policy.experiments.splits import (
     CostDifferenceRange,
     SeedsRow,
     Separation,
+    SplitComparison,
+    SplitMethod,
     SplitRow,
+    SplitSummary,
     separations,
+    uniform_row,
 )
 from moe_policy.experiments.tables import markdown_table
 from moe_policy.experiments.trainings import Run
@@ -18,6 +23,7 @@ from moe_policy.rollouts.intervals import Proportion, Spread
 from moe_policy.rollouts.metrics import evaluate
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
+from ocp_envs.support.provenance import provenance
 from tests.rollouts.test_metrics import episodes
 
 
@@ -79,6 +85,45 @@ def test_seeds_of_a_network_have_a_spread_of_every_metric_that_all_have():
     assert row.label("uniform") == "snn, 2 seeds, of 4"
     assert set(row.splits["uniform"]) == {"success"}
     assert row.splits["uniform"]["success"].values == (1, 3)
+
+
+def a_record(names, cases=500, seed=0):
+    """A comparison of ``names`` on one split, every one with other successes by the ``seed``."""
+    runs = {name: episodes(500, success=np.arange(500) < 400 + i + seed) for i, name in enumerate(names)}
+    rows = {name: a_row(PENDULUM, name, run) for name, run in runs.items()}
+    nothing = CostDifferenceRange(within=cases, largest=0.0, smallest=0.0)
+    summary = SplitSummary(cases=cases, optimal_solved=cases, reference_difference=nothing, separations=())
+    return SplitComparison(
+        env_id=PENDULUM.id,
+        splits={"uniform": summary},
+        rows=tuple(SplitMethod(name=name, splits={"uniform": row}) for name, row in rows.items()),
+        curves=None,
+        seconds=1.0,
+        provenance=provenance(),
+    )
+
+
+def test_rows_of_further_methods_are_added_to_a_record_and_replace_those_of_their_names():
+    old, new = a_record(["snn", "moe-auto", "sac"]), a_record(["optimal", "moe-auto"], seed=50)
+    both = old.with_rows(new, ["moe-auto"])
+    assert [row.name for row in both.rows] == ["snn", "sac", "moe-auto"]
+    assert both.rows[0] == old.rows[0]
+    assert uniform_row(both, "moe-auto", 500).metrics.success.count == 451
+    assert {entry.mixture for entry in both.splits["uniform"].separations} == {"moe-auto"}
+    assert both.added == {"moe-auto": new.provenance}
+    assert SplitComparison.from_json(both.to_json()) == both
+
+
+def test_rows_of_other_instances_are_not_added():
+    with pytest.raises(ValueError, match=r"rows cannot be added: .*'uniform': 500.*'uniform': 30"):
+        a_record(["snn"]).with_rows(a_record(["moe-auto"], cases=30), ["moe-auto"])
+
+
+def test_a_row_of_other_instances_or_of_no_method_is_none():
+    record = a_record(["snn"])
+    assert uniform_row(record, "snn", 500) is record.rows[0].splits["uniform"].row
+    assert uniform_row(record, "snn", 30) is None
+    assert uniform_row(record, "moe-auto", 500) is None
 
 
 def test_cost_differences_range_from_0_at_most_to_0_at_least():

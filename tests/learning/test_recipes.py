@@ -57,6 +57,14 @@ def test_the_families_of_moe_auto_are_those_that_continuation_finds(monkeypatch,
     assert planners[0].details["clusters"]["method"] == "continuation"
 
 
+def test_where_continuation_finds_one_family_moe_auto_is_the_single_network(monkeypatch):
+    one = Labels(np.zeros(len(SAMPLES), dtype=int), ("family 0",), "continuation")
+    monkeypatch.setattr(recipes, "cluster", lambda *_, **__: one)
+    auto, single = (make(name, SAMPLES, settings=QUICK) for name in ("moe-auto", "snn"))
+    assert auto.name == "moe-auto"
+    np.testing.assert_array_equal(auto(SAMPLES.parameters).flat(), single(SAMPLES.parameters).flat())
+
+
 def test_joint_training_knows_no_clusters_and_retraining_begins_with_the_custom_mixture():
     assert "clusters" not in make("moe-random", SAMPLES, settings=QUICK).details
     retrained = make("moe-retrained-argmax", SAMPLES, settings=QUICK, seed=4)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.perturbations import SENSING, Perturbation
@@ -44,6 +44,13 @@ class Training:
     #: on splits; ``None`` for the training set and ``settings``
     over_seeds: tuple[int, int] | None = None
     fewer_seeds: int = 3  # maximum number of training seeds of ``sizes`` and ``depths``
+
+    def settings_of(self, count: int) -> TrainingSettings:
+        """How networks are trained on ``count`` instances, a part of the training set: as on the largest of ``sizes``
+        that is not larger, where there is one.
+        """
+        fitting = [size for size in self.sizes if size <= count]
+        return replace(self.settings, epochs=self.sizes[max(fitting)]) if fitting else self.settings
 
 
 @dataclass(frozen=True, kw_only=True)
