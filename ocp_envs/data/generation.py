@@ -23,19 +23,26 @@ from numpy.typing import ArrayLike
 from ocp_envs.data.database import Database
 from ocp_envs.data.layout import DatabaseError, StoredRows
 from ocp_envs.data.locks import only_writer
+from ocp_envs.data.probe import PROBED, probe
 from ocp_envs.data.refinement import REFINED
-from ocp_envs.data.rounds import rounds, tasks
+from ocp_envs.data.rounds import first_rows, rounds, tasks
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.data.worker import Chunk, solve_chunk
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of
+from ocp_envs.solvers.fidelity import Fidelity, fidelity
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.doors import checked
-from ocp_envs.support.progress import Progress
+from ocp_envs.support.progress import Progress, duration
 from ocp_envs.support.tasks import TaskRun, workers_of
 from ocp_envs.support.workers import Workers
+
+#: Instances of a generation that is worth a probe, where progress is shown.
+_WORTH_A_PROBE = 10 * PROBED
+#: How far the caller of :func:`generate` is above the function that warns.
+_CALLER = 4
 
 
 @checked
@@ -74,6 +81,8 @@ def generate(
         settings: how many guesses and warm starts are tried, and how.
         extrapolate: accept parameters outside the box.
         progress: show it, as a bar on a terminal and elsewhere as a line a minute; by default on a terminal alone.
+            Where it is shown, a few instances are probed first: how many of the guesses find the lowest cost, how many
+            solves fail, and how long all will take. Nothing is chosen by it.
 
     Returns:
         the finished database.
@@ -82,6 +91,10 @@ def generate(
         DatabaseError: the path holds something else, or a database made with other arguments, or another process is
             writing it.
         ValueError: parameters of the wrong shape, not finite, or outside the box.
+
+    Warns:
+        UserWarning: of the first solutions, Runge-Kutta substeps that are too few, or a path that enters a constraint
+            between the knots.
     """
     problem = problem_of(problem)
     p, folder = problem.check_parameters(parameters, extrapolate), Path(path)
@@ -91,16 +104,29 @@ def generate(
         return found
     with only_writer(folder):
         database = _open_or_create(problem, folder, p, seed, settings)
-        with GuardedSolver(problem, settings.solver) as solver:
-            solver.start()  # compiles, once, before workers ask for it
         begun = database.totals()["problems"]
         bar = Progress(len(p), unit="instance", label=problem.id, initial=begun, shown=progress)
         with bar, workers_of(executor, workers) as pool:
+            with GuardedSolver(problem, settings.solver) as solver:
+                solver.start()  # compiles, once, before workers ask for it
+                if bar.shown and len(p) - begun >= _WORTH_A_PROBE:
+                    _tell(solver, p, settings, pool, bar)
             _finish(database, settings, seed, pool, bar)
             if not _complete(database, p):
                 database = _grown(database, p, seed)
                 _finish(database, settings, seed, pool, bar)
     return database
+
+
+def _tell(solver: GuardedSolver, p: Array, settings: GenerationSettings, pool: Workers, bar: Progress) -> None:
+    """Say on ``bar`` what a probe of a few of the instances ``p`` finds, and how long all will take."""
+    rows = np.linspace(0, len(p) - 1, PROBED).astype(np.int64)
+    found = probe(solver, p[rows], settings)
+    first, workers = min(first_rows(settings), len(p)), pool.in_flight() // 2
+    expectation = found.expectation(first, workers)
+    left = duration(expectation.left(0, len(p), 0, 0.0))
+    bar.say(f"{solver.problem.id}: {found.text}; about {left} for {len(p):,} instances with {workers} workers")
+    bar.expect(expectation)
 
 
 def _complete(database: Database, p: Array) -> bool:
@@ -110,17 +136,30 @@ def _complete(database: Database, p: Array) -> bool:
 
 def _finish(database: Database, settings: GenerationSettings, seed: int, workers: Workers, bar: Progress) -> None:
     """Solve what is missing, round by round, and write each chunk as it arrives."""
-    failed = 0
+    failed, infeasible = 0, 0
 
     def write(chunk: Chunk, rows: StoredRows) -> None:
-        nonlocal failed
+        nonlocal failed, infeasible
         database.write(chunk.number, rows)
-        failed += int((rows.status != Status.SOLVED).sum())
-        bar.update(len(rows.status), failed=failed)
+        infeasible += int((rows.status == Status.INFEASIBLE).sum())
+        failed += int(((rows.status != Status.SOLVED) & (rows.status != Status.INFEASIBLE)).sum())
+        bar.update(len(rows.status), failed=failed, **({"infeasible": infeasible} if infeasible else {}))
 
     run = TaskRun(solve_chunk, workers, write)
     for chunks in rounds(database, settings):
+        begun = database.present()[chunks].all()
         run(tasks(database, settings, seed, chunks))
+        if chunks.start == 0 and not begun:  # once, as early as there are solutions
+            fidelity_of(database).warn(_CALLER)
+
+
+def fidelity_of(database: Database, count: int = 20) -> Fidelity:
+    """What the solutions of the first ``count`` solved rows of ``database`` leave open between their knots."""
+    rows = database.stored(database.stored_rows(0))
+    solved = np.flatnonzero(rows.status == Status.SOLVED)[:count]
+    z = rows.z[solved, rows.cost[solved].argmin(axis=1)]
+    p = database.stored_parameters(database.stored_rows(0))[solved]
+    return fidelity(database.problem, p, database.problem.unflatten(z))
 
 
 def _grown(database: Database, p: Array, seed: int) -> Database:

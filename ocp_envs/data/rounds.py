@@ -13,9 +13,14 @@ from ocp_envs.data.warm_starts import Library
 from ocp_envs.data.worker import PATIENCE, Chunk
 
 
+def first_rows(settings: GenerationSettings) -> int:
+    """How many instances the first round has with ``settings``: whole chunks."""
+    return max(1, -(-settings.first // settings.chunk)) * settings.chunk
+
+
 def rounds(database: Database, settings: GenerationSettings) -> list[range]:
     """Chunk numbers of every round of ``database``: n₀, 2n₀, 4n₀ … instances, in whole chunks, as in ``settings``."""
-    size = max(1, -(-settings.first // settings.chunk))
+    size = first_rows(settings) // settings.chunk
     rounds, begin = [], 0
     while begin < database.chunks:
         rounds.append(range(begin, min(begin + size, database.chunks)))

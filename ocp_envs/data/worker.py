@@ -79,14 +79,21 @@ def solve_chunk(chunk: Chunk) -> StoredRows:
         p = chunk.parameters[chunk.owner]
         windings = np.full(len(p), NEAREST_WINDING)
         solves.append((chunk.owner, solver.solve(p, start_from(problem, p, chunk.z), windings)))
-    solves += _multistart(solver, chunk)
+    solves += multistart(solver, chunk)
     solved = np.concatenate([np.empty(0, np.int64), *[owner[found.solved] for owner, found in solves]])
     done = np.concatenate([solved, hopeless])
-    solves.append(_last_resort(solver, chunk, np.setdiff1d(np.arange(len(chunk.parameters)), done)))
+    last = _last_resort(solver, chunk, np.setdiff1d(np.arange(len(chunk.parameters)), done))
+    solves.append(last)
     owners, solutions = zip(*solves)
     rows = best_rows(problem, chunk.parameters, np.concatenate(owners), Solutions.concatenate(solutions))
-    rows.status[hopeless] = Status.INFEASIBLE
+    rows.status[[*hopeless, *_all_infeasible(*last)]] = Status.INFEASIBLE
     return rows
+
+
+def _all_infeasible(owner: Ints, solutions: Solutions) -> Ints:
+    """The instances of which the fallback solver found every winding infeasible, given the ``owner`` of each solve."""
+    others = owner[solutions.status != Status.INFEASIBLE]
+    return np.setdiff1d(owner, others)
 
 
 def _without(chunk: Chunk, rows: Ints) -> Chunk:
@@ -115,8 +122,11 @@ def _every_winding(problem: OptimalControlProblem, rows: Ints) -> tuple[Ints, In
     return np.repeat(rows, count), np.tile(np.arange(count), len(rows))
 
 
-def _multistart(solver: GuardedSolver, chunk: Chunk) -> Iterator[_Solves]:
-    """Solves from random guesses; windings that keep failing are given up."""
+def multistart(solver: GuardedSolver, chunk: Chunk) -> Iterator[_Solves]:
+    """Solves of ``chunk`` by ``solver`` from random guesses; windings that keep failing are given up.
+
+    Yields the instance of each solve (S,) and S solutions, for one guess after the other.
+    """
     problem = solver.problem
     owner, windings = _every_winding(problem, np.arange(len(chunk.parameters)))
     reached = np.zeros(len(owner), dtype=bool)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self, TypeVar
 
@@ -19,6 +20,8 @@ T = TypeVar("T")
 
 #: Seconds between two lines, and before the first one.
 INTERVAL = 60.0
+#: A bar whose time left is told among the facts, since the pieces differ.
+_WITHOUT_RATE = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}{postfix}]"
 #: What ``shown=None`` means in this process.
 _shown: bool | None = None
 
@@ -31,6 +34,27 @@ def show(shown: bool | None) -> None:
     """
     global _shown
     _shown = shown
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """How long pieces are expected to take that do not all take equally long.
+
+    Args:
+        work: the time that the first n pieces take together, on one of the workers, in seconds.
+        workers: number of workers.
+    """
+
+    work: Callable[[int], float]
+    workers: int = 1
+
+    def left(self, done: int, total: int, initial: int, elapsed: float) -> float:
+        """Seconds left for ``total`` pieces, of which ``initial`` were ``done`` before and took no ``elapsed`` time.
+
+        The times are corrected by what the pieces took that are done.
+        """
+        new = self.work(done) - self.work(initial)
+        return (self.work(total) - self.work(done)) * (elapsed / new if new > 0 else 1 / self.workers)
 
 
 class Progress:
@@ -50,6 +74,9 @@ class Progress:
     ) -> None:
         shown, terminal = _shown if shown is None else shown, sys.stderr is not None and sys.stderr.isatty()
         hidden = not terminal or shown is False
+        self.shown = bool(not hidden or shown)
+        self._total, self._done, self._initial = total, initial, initial
+        self._expectation: Expectation | None = None
         self._bar = tqdm(total=total, unit=unit, desc=label, initial=initial, leave=leave, disable=hidden)
         self._lines = _Lines(total, unit, label, initial) if shown and not terminal else None
 
@@ -61,11 +88,28 @@ class Progress:
     ) -> None:
         self.close()
 
+    def say(self, text: str) -> None:
+        """Write ``text`` on standard error, above the bar, where progress is shown."""
+        if self.shown:
+            tqdm.write(text, file=sys.stderr)
+
+    def expect(self, expectation: Expectation) -> None:
+        """Tell the time left by an ``expectation``, from now on."""
+        self._expectation, self._began = expectation, time.monotonic()
+        self._bar.bar_format = _WITHOUT_RATE
+        if self._lines is not None:
+            self._lines.expect(expectation)
+
     def update(self, count: int = 1, **facts: object) -> None:
         """Count ``count`` pieces as done; ``facts`` are shown with them, such as ``failed=3``."""
         self._bar.update(count)
-        if facts:
-            self._bar.set_postfix(facts)
+        self._done += count
+        shown = dict(facts)
+        if self._expectation is not None and self._done < self._total:
+            elapsed = time.monotonic() - self._began
+            shown["left"] = duration(self._expectation.left(self._done, self._total, self._initial, elapsed))
+        if shown:
+            self._bar.set_postfix(shown)
         if self._lines is not None:
             self._lines.update(count, facts)
 
@@ -98,8 +142,12 @@ class _Lines:
     def __init__(self, total: int, unit: str, label: str, initial: int) -> None:
         self._total, self._unit, self._label, self._initial = total, unit, label, initial
         self._done, self._facts, self._told = initial, dict[str, object](), -1
+        self._expectation: Expectation | None = None
         self._began, self._ended = time.monotonic(), threading.Event()
         threading.Thread(target=self._tell, name="progress", daemon=True).start()
+
+    def expect(self, expectation: Expectation) -> None:
+        self._expectation, self._began = expectation, time.monotonic()
 
     def update(self, count: int, facts: dict[str, object]) -> None:
         self._facts = self._facts | facts
@@ -116,13 +164,15 @@ class _Lines:
 
     def _write(self) -> None:
         self._told, elapsed = self._done, time.monotonic() - self._began
-        words = describe(self._told, self._total, self._unit, elapsed, self._initial)
+        words = describe(self._told, self._total, self._unit, elapsed, self._initial, self._expectation)
         told = ", ".join([words, *(f"{name} {value}" for name, value in self._facts.items())])
         sys.stderr.write(f"{self._label}: {told}\n")
         sys.stderr.flush()
 
 
-def describe(done: int, total: int, unit: str, elapsed: float, initial: int = 0) -> str:
+def describe(
+    done: int, total: int, unit: str, elapsed: float, initial: int = 0, expectation: Expectation | None = None
+) -> str:
     """Progress in words: how much is done, since when, how fast, and how much time is left.
 
     Args:
@@ -131,10 +181,14 @@ def describe(done: int, total: int, unit: str, elapsed: float, initial: int = 0)
         unit: what one of them is.
         elapsed: time since this run began, in seconds.
         initial: number of pieces that were done before it.
+        expectation: how long pieces take; by default all of them equally long.
     """
     told, new = [f"{done:,} of {total:,} {unit}s", f"{duration(elapsed)} so far"], done - initial
     if new:
-        told += [rate(new / elapsed, unit), f"{duration((total - done) * elapsed / new)} left"]
+        told.append(rate(new / elapsed, unit))
+    if new or expectation is not None:
+        expected = expectation or Expectation(float)
+        told.append(f"{duration(expected.left(done, total, initial, elapsed))} left")
     return ", ".join(told)
 
 

@@ -1,9 +1,11 @@
 import dataclasses
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import warnings
 from concurrent.futures import BrokenExecutor, CancelledError, Future, ThreadPoolExecutor
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from moe_policy.experiments.interruptions import Kill, descendants, generate_int
 from ocp_envs.data.database import Database
 from ocp_envs.data.generation import generate
 from ocp_envs.data.layout import DatabaseError
+from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets.sampling import sample
@@ -312,3 +315,44 @@ def test_only_a_database_whose_parameters_are_the_first_of_the_given_grows(tmp_p
         unfinished.grow(p[:1], [20])
     with pytest.raises(ValueError, match="permutation of 10 … 11"):
         Database.open(path).grow(p[:2], [0, 1])
+
+
+# -- what is said ------------------------------------------------------------------------------------------------------
+
+#: One guess for each winding, in chunks of 20.
+QUICK = GenerationSettings(first=20, chunk=20, starts=1)
+
+
+def test_where_progress_is_shown_a_probe_and_the_time_left_are_told(tmp_path, unguarded, capsys):
+    p, how = sample(DOUBLE_INTEGRATOR, 7, 60), {"executor": InProcess(), "settings": QUICK}
+    shown = generate(DOUBLE_INTEGRATOR, tmp_path / "shown", p, progress=True, **how)
+    told = capsys.readouterr().err
+    assert told.startswith("DoubleIntegrator-v0: probe of 5 instances: 5 SOLVED; ")
+    assert re.search(r"; about \d+ s for 60 instances with \d+ workers", told)
+    silent = generate(DOUBLE_INTEGRATOR, tmp_path / "silent", p, **how)
+    assert capsys.readouterr().err == ""
+    assert silent.digest() == shown.digest()  # a probe changes nothing
+
+
+def test_substeps_that_are_too_few_are_told_once(tmp_path, unguarded):
+    def damped(x, u, c):
+        return [x[1], (u[0] - 15 * x[1]) / c.mass]
+
+    system = dataclasses.replace(DOUBLE_INTEGRATOR.system, dynamics=damped)
+    problem = dataclasses.replace(DOUBLE_INTEGRATOR, id="Damped-v0", system=system, duration=(1.9, 5.0), hold=0.0)
+    p, how = np.array([[0.0, 1.0], [0.0, -1.0]]), {"executor": InProcess(), "settings": QUICK}
+    with pytest.warns(UserWarning, match="Damped-v0: 1 Runge-Kutta substeps are too few") as told:
+        generate(problem, tmp_path / "d", p, **how)
+    assert told[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        generate(problem, tmp_path / "d", p, **how)
+
+
+def test_an_instance_that_no_trajectory_solves_has_a_status_of_its_own(tmp_path, unguarded):
+    """From rest at 5 m, no force of 1 N leads to the origin within a second."""
+    hasty = dataclasses.replace(DOUBLE_INTEGRATOR, id="Hasty-v0", duration=(0.2, 1.0))
+    p = np.array([[0.1, 0.0], [5.0, 0.0]])
+    database = generate(hasty, tmp_path / "d", p, executor=InProcess(), settings=QUICK)
+    status = database.stored(slice(0, 2)).status[np.argsort(database.order)]
+    assert status.tolist() == [Status.SOLVED, Status.INFEASIBLE]

@@ -63,7 +63,7 @@ def test_problems_without_a_solution_are_kept_as_such(tmp_path, unguarded, monke
     database = generate(hurried, tmp_path / "d", p, executor=InProcess(), settings=SMALL)
     bottom = int(np.flatnonzero(database.stored_parameters(slice(0, 2))[:, 0] == 0)[0])
     rows = database.stored(slice(bottom, bottom + 1))
-    assert rows.status[0] == Status.NOT_CONVERGED
+    assert rows.status[0] == Status.INFEASIBLE
     assert np.isinf(rows.cost[0]).all()
     assert np.isnan(rows.z[0]).all()
     assert rows.failures[0] == rows.solves[0] > 0

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from ocp_envs.support import progress
-from ocp_envs.support.progress import Progress, track
+from ocp_envs.support.progress import Expectation, Progress, track
 
 
 @pytest.fixture
@@ -125,3 +125,39 @@ def test_durations_are_words(seconds, words):
 )
 def test_rates_are_words(per_second, words):
     assert progress.rate(per_second, "run") == words
+
+
+#: Ten pieces of ten seconds, then pieces of one second, on two workers.
+SLOW_FIRST = Expectation(lambda n: 10.0 * min(n, 10) + max(n - 10, 0), workers=2)
+
+
+@pytest.mark.parametrize(
+    ("done", "initial", "elapsed", "left"),
+    [(0, 0, 0.0, 95.0), (5, 0, 25.0, 70.0), (10, 0, 100.0, 90.0), (55, 10, 45.0, 45.0)],
+    ids=["before the first piece", "as expected", "twice as slow as expected", "continued"],
+)
+def test_the_time_left_follows_what_pieces_are_expected_to_take(done, initial, elapsed, left):
+    assert SLOW_FIRST.left(done, 100, initial, elapsed) == pytest.approx(left)
+    assert progress.describe(done, 100, "instance", elapsed, initial, SLOW_FIRST).endswith(
+        f"{progress.duration(left)} left"
+    )
+
+
+def test_a_bar_tells_the_time_left_among_the_facts(on_terminal):
+    def call():
+        with Progress(100, unit="instance", label="pendulum") as bar:
+            assert bar.shown
+            bar.say("a line")
+            bar.expect(SLOW_FIRST)
+            bar.update(50, failed=3)
+
+    told = on_terminal(call)
+    assert "a line" in told
+    assert "failed=3, left=" in told
+
+
+def test_where_progress_is_hidden_nothing_is_said(capsys):
+    with Progress(1, unit="instance", label="pendulum") as bar:
+        assert not bar.shown
+        bar.say("a line")
+    assert capsys.readouterr().err == ""
