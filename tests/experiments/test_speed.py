@@ -5,7 +5,7 @@ import pytest
 
 from moe_policy.experiments.generation import Totals
 from moe_policy.experiments.records import ABSENT
-from moe_policy.experiments.speed import environments, generation, solver
+from moe_policy.experiments.speed import environments, generation, scaling, solver
 from ocp_envs.data.settings import DEFAULT_GENERATION
 from ocp_envs.problems.pendulum import PENDULUM
 
@@ -70,3 +70,9 @@ def test_the_steps_of_the_environment_are_marked(problem):
     assert [row.substeps for row in rows] == [1, 2, 3, 4]
     assert sum(row.chosen for row in rows) == 1
     assert all(row.steps_per_second > 0 for row in rows)
+
+
+def test_the_time_of_a_call_and_that_of_a_row_are_told_apart():
+    assert scaling.line_through({n: 3e-5 + 2e-7 * n for n in (1, 64, 4096)}) == pytest.approx((3e-5, 2e-7))
+    assert scaling.line_through({n: 1e-3 * n for n in (1, 4)}) == pytest.approx((0.0, 1e-3))
+    assert scaling.line_through({4: 2.0}) == (0.0, 0.5)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import importlib
@@ -535,6 +536,25 @@ def test_benchmark_export(script, run, monkeypatch, tmp_path):
     assert row["control_difference"] < 1e-9
     assert row["plan_difference"] < 1e-4
     assert row["in_c"]["regulators"] > 0
+
+
+@shipped
+def test_benchmark_scaling(script, run, monkeypatch, tmp_path):
+    module = script("benchmark_scaling")
+    monkeypatch.setenv("OMP_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", "1"))
+    monkeypatch.setattr(module, "BATCHES", {"steps": (1, 4), "plans": (1, 2), "solves": (1,)})
+    monkeypatch.setattr(module, "OF_WORKERS", {"steps": 4, "plans": 2, "solves": 1})
+    monkeypatch.setattr(module.ocp_envs, "names", lambda: (PENDULUM.id,))
+    threads = ThreadPoolExecutor(2)
+    monkeypatch.setattr(
+        module, "executors", lambda: contextlib.nullcontext({"1 process": (threads, 1), "2 processes": (threads, 2)})
+    )
+    run(module, "--seconds", 0.001, "--results", tmp_path)
+    record = read(tmp_path / "benchmark_scaling.json")
+    assert [row["quantity"] for row in record["batches"]] == ["steps", "plans", "solves"]
+    assert all(rate > 0 for row in record["batches"] for rate in row["per_second"].values())
+    assert all(list(row["ratio_to_one"]) == ["1 process", "2 processes"] for row in record["workers"])
+    assert (tmp_path / "benchmark_scaling.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow
