@@ -538,6 +538,17 @@ def test_benchmark_export(script, run, monkeypatch, tmp_path):
     assert row["in_c"]["regulators"] > 0
 
 
+def test_benchmark_peers(script, run, monkeypatch, tmp_path):
+    module = script("benchmark_peers")
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *arguments: None, raising=False)
+    for name in ("PENDULUMS", "QUADROTORS"):
+        monkeypatch.setattr(module, name, 4)
+    run(module, "--crazyflow", "no/python", "--rounds", 1, "--seconds", 0.001, "--results", tmp_path)
+    record = read(tmp_path / "benchmark_peers.json")
+    assert [len(rows) for rows in record["groups"].values()] == [2, 2, 1]
+    assert "no/python" in record["missing"]["crazyflow"]
+
+
 @shipped
 def test_benchmark_scaling(script, run, monkeypatch, tmp_path):
     module = script("benchmark_scaling")
