@@ -11,6 +11,10 @@ from ocp_envs.data.settings import GenerationSettings as GenerationSettings
 from ocp_envs.distribution import Blocked as Blocked
 from ocp_envs.distribution import Distribution as Distribution
 from ocp_envs.distribution import Uniform as Uniform
+from ocp_envs.distributions import Conditioned as Conditioned
+from ocp_envs.distributions import Normal as Normal
+from ocp_envs.distributions import Sampler as Sampler
+from ocp_envs.distributions import Table as Table
 from ocp_envs.envs.env import Env as Env
 from ocp_envs.envs.interface import Interface as Interface
 from ocp_envs.envs.options import EnvArguments as EnvArguments

@@ -31,6 +31,7 @@ WINGS = {
         "goal",
         "tables",
         "distribution",
+        "distributions",
         "parameters",
         "formulation",
         "terminal",

@@ -74,9 +74,15 @@ class TrackingWeights:
     @classmethod
     @checked
     def default(cls, problem: ProblemOrId) -> TrackingWeights:
-        """The weights of :data:`CHOSEN` for ``problem``; Q = 10 I and R = 0.1 I for any other problem."""
+        """The weights of :data:`CHOSEN` for ``problem``; of any other Q = 10 / scale² and R = 0.1 / scale².
+
+        This is Bryson's rule with the scales of the coordinates, so that it does not depend on their units.
+        """
         problem = problem_of(problem)
-        return cls.uniform(problem, **CHOSEN.get(problem.id, {}))
+        if problem.id in CHOSEN:
+            return cls.uniform(problem, **CHOSEN[problem.id])
+        system = problem.system
+        return cls(10.0 / system.state.scale**2, 0.1 / system.control.scale**2)
 
     def control_at(self, controls: Array, box: Box) -> Array:
         """Diagonals of R_k, (..., nu), for feed-forward ``controls`` ū, (..., nu), in their ``box``."""
@@ -88,9 +94,12 @@ class TrackingWeights:
 #: development set (``scripts/choose_tracking.py``). The quadcopter corrects lateral errors by tilting, which takes
 #: time: a large terminal weight makes it begin early. Climbing plans end with the rotors off, without any control
 #: authority.
+_FLIGHT = MappingProxyType({"state": 1.0, "control": 10.0, "terminal": 1e5, "authority": 0.1})
 CHOSEN: Mapping[str, Mapping[str, float]] = MappingProxyType(
-    dict.fromkeys(
-        ("Quadcopter-v0", "QuadcopterObstacle-v0"),
-        MappingProxyType({"state": 1.0, "control": 10.0, "terminal": 1e5, "authority": 0.1}),
-    )
+    {
+        "PendulumSwingup-v0": MappingProxyType({}),
+        "GroundVehicle-v0": MappingProxyType({}),
+        "Quadcopter-v0": _FLIGHT,
+        "QuadcopterObstacle-v0": _FLIGHT,
+    }
 )

@@ -51,7 +51,6 @@ def sample(problem: ProblemOrId, seed: int, n: int, *, workers: int | None = 1) 
 
     Raises:
         ValueError: a negative seed or number.
-        TypeError: a distribution that nothing here can draw from.
         RuntimeError: the free problem was not solved, or no draw blocks its path.
     """
     problem = problem_of(problem)
@@ -63,7 +62,16 @@ def sample(problem: ProblemOrId, seed: int, n: int, *, workers: int | None = 1) 
 def _sample(
     distribution: Distribution, problem: OptimalControlProblem, seed: int, n: int, workers: int | None
 ) -> Array:
-    raise TypeError(f"{problem.id}: samples of a {type(distribution).__name__} distribution cannot be drawn")
+    parts = [
+        distribution.draw(problem, [_stream(seed, row) for row in range(begin, min(begin + _CHUNK, n))])
+        for begin in range(0, n, _CHUNK)
+    ]
+    return np.concatenate([*parts, np.empty((0, len(problem.parameters)))])
+
+
+def _stream(seed: int, row: int) -> np.random.Generator:
+    """Random numbers of one ``row`` of a sample."""
+    return np.random.Generator(np.random.Philox(key=seed, counter=[0, 0, 0, row + 1]))
 
 
 @_sample.register
@@ -134,8 +142,7 @@ class BlockedDraws:
         return own, [i for i in range(len(names)) if i not in own]
 
     def _stream(self, row: int) -> np.random.Generator:
-        """Random numbers of one row."""
-        return np.random.Generator(np.random.Philox(key=self.seed, counter=[0, 0, 0, row + 1]))
+        return _stream(self.seed, row)
 
     def __call__(self, begin: int, end: int) -> Array:
         """Rows ``begin`` … ``end`` of the sample, (end − begin, np).

@@ -262,7 +262,7 @@ def test_the_radius_must_be_a_coordinate_of_the_context():
         dataclasses.replace(QUADCOPTER_OBSTACLE, distribution=Blocked(QUADCOPTER, radius="x"))
 
 
-def test_a_distribution_that_is_not_known_cannot_be_sampled():
+def test_a_distribution_of_ones_own_is_sampled():
     class Corner(Distribution):
         text = "in the corner"
 
@@ -278,8 +278,7 @@ def test_a_distribution_that_is_not_known_cannot_be_sampled():
     problem = dataclasses.replace(PENDULUM, distribution=Corner())
     _, info = Env(problem).reset()
     np.testing.assert_array_equal(info["parameters"], PENDULUM.parameters.lower)
-    with pytest.raises(TypeError, match="samples of a Corner distribution cannot be drawn"):
-        sample(problem, 0, 3)
+    np.testing.assert_array_equal(sample(problem, seed=0, n=2), np.tile(PENDULUM.parameters.lower, (2, 1)))
 
 
 # -- the table of starts -----------------------------------------------------------------------------------------------
