@@ -17,6 +17,7 @@ import numpy as np
 from ocp_envs import tables
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.doors import checked
+from ocp_envs.support.draws import whole_numbers
 from ocp_envs.system import Box
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ class Blocked(Distribution):
             TableError: the package carries none for ``problem``.
         """
         rows = tables.starts(problem)
-        return np.array(rows[[generator.integers(len(rows)) for generator in generators]])
+        return np.array(rows[whole_numbers(generators, len(rows))])
 
     @property
     def text(self) -> str:
