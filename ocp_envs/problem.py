@@ -38,7 +38,7 @@ from ocp_envs.support.arrays import Array, frozen_array
 from ocp_envs.support.batch import BatchFunction, Linearisation, dense_function
 from ocp_envs.support.kept import kept
 from ocp_envs.symmetry import Symmetry
-from ocp_envs.system import Box, Expression, System
+from ocp_envs.system import Box, Coordinate, Expression, System
 from ocp_envs.terminal import TerminalSet
 from ocp_envs.trajectory import Trajectory, flat_size
 
@@ -365,6 +365,25 @@ class OptimalControlProblem:
         plant = _of_checked({**self._fields(), "system": self.system.with_constants(**values)})
         trial.check(plant, nominal=False)
         return plant
+
+    def with_varied(self, **sides: Sequence[float]) -> OptimalControlProblem:
+        """The same problem with physical constants as further parameters, after its own: a plant for a batch.
+
+        Args:
+            sides: the smallest and the largest value of each, by name, in SI units.
+
+        Raises:
+            ValueError: a name the system does not have, or a constant that is a parameter already.
+        """
+        if not sides:
+            return self
+        self.with_constants(**{name: float(low) for name, (low, _) in sides.items()})  # refuses such names
+        more = tuple(
+            Coordinate(name, float(low) - 1e-9 * (1 + abs(low)), float(high) + 1e-9 * (1 + abs(high)))
+            for name, (low, high) in sides.items()
+        )
+        parameters = Box((*self.parameters.coordinates, *more))
+        return _of_checked({**self._fields(), "parameters": parameters, "distribution": UNIFORM})
 
     @cached_property
     def fingerprint(self) -> str:

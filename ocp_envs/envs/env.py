@@ -79,7 +79,8 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         terminate_at_goal: whether the episode ends in the goal ball.
         time_limit: seconds until truncation; the problem's own by default.
         max_episode_steps: control steps until truncation, where ``time_limit`` does not truncate earlier.
-        constants: other values of physical constants, for a plant that differs from the model.
+        constants: other values of physical constants by name, for a plant that differs from the model; in a vector
+            environment one number, or one for each environment, (num_envs,).
         disturbance: standard deviation of a normal term added to ẋ, drawn for each control step; a number or (nx,).
         observation_noise: standard deviation of the normal noise on the observed state; a number or (nx,).
         delay: control steps by which the control acts late; until then the control that holds the goal acts.
@@ -103,7 +104,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         terminate_at_goal: bool = True,
         time_limit: float | None = None,
         max_episode_steps: int | None = None,
-        constants: Mapping[str, float] | None = None,
+        constants: Mapping[str, ArrayLike] | None = None,
         disturbance: ArrayLike = 0.0,
         observation_noise: ArrayLike = 0.0,
         delay: int = 0,
@@ -159,7 +160,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
         super().reset(seed=seed)
         p = given_parameters(self.problem, options or {}, 1)
         self._plant.begin(_ROW, self.options.draw_parameters([self.np_random]) if p is None else p)
-        self._observed[self.problem.system.nx :] = self._plant.step.context
+        self._observed[self.problem.system.nx :] = self._plant.context
         self._steps = 0
         self._over = False
         self._pictures.begin(_ROW)

@@ -25,6 +25,8 @@ from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
 
 RENDER_MODES = ("rgb_array", "human")
+#: Name, smallest and largest value of a constant.
+Side = tuple[str, float, float]
 #: Control steps of an episode; an index of more is no longer exact in float arithmetic of times.
 MOST_STEPS = 1e9
 
@@ -35,7 +37,7 @@ class EnvArguments(TypedDict, total=False):
     terminate_at_goal: bool
     time_limit: float | None
     max_episode_steps: int | None
-    constants: Mapping[str, float] | None
+    constants: Mapping[str, ArrayLike] | None
     disturbance: ArrayLike
     observation_noise: ArrayLike
     delay: int
@@ -43,8 +45,11 @@ class EnvArguments(TypedDict, total=False):
 
 
 @lru_cache(maxsize=32)
-def _plant(problem: OptimalControlProblem, constants: tuple[tuple[str, float], ...], dt: float) -> Simulator:
-    return Simulator(problem.with_constants(**dict(constants)), dt)
+def _plant(
+    problem: OptimalControlProblem, constants: tuple[tuple[str, float], ...], varied: tuple[Side, ...], dt: float
+) -> Simulator:
+    plant = problem.with_constants(**dict(constants))
+    return Simulator(plant.with_varied(**{name: sides for name, *sides in varied}), dt)
 
 
 def refuse_unknown(environment: type, unknown: Mapping[str, object]) -> None:
@@ -75,14 +80,15 @@ class EnvOptions:
     terminate_at_goal: bool = True
     time_limit: float | None = None
     max_episode_steps: int | None = None
-    constants: Mapping[str, float] | None = None
+    constants: Mapping[str, ArrayLike] | None = None
     disturbance: ArrayLike = 0.0
     observation_noise: ArrayLike = 0.0
     delay: int = 0
     render_mode: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "constants", MappingProxyType(dict(self.constants or {})))
+        given = {name: self._constant(name, value) for name, value in (self.constants or {}).items()}
+        object.__setattr__(self, "constants", MappingProxyType(given))
         problem = self.simulator.problem  # raises for a bad dt or constant
         limit = problem.time_limit if self.time_limit is None else float(self.time_limit)
         if not (math.isfinite(limit) and limit > 0):
@@ -124,7 +130,24 @@ class EnvOptions:
     @cached_property
     def simulator(self) -> Simulator:
         """The plant: the problem under ``constants``, shared by equal options."""
-        return _plant(self.problem, tuple(sorted((self.constants or {}).items())), self.dt)
+        same = {name: np.asarray(value).item() for name, value in (self.constants or {}).items() if np.ndim(value) == 0}
+        varied = [(name, float(values.min()), float(values.max())) for name, values in self.varied.items()]
+        return _plant(self.problem, tuple(sorted(same.items())), tuple(varied), self.dt)
+
+    @property
+    def varied(self) -> dict[str, Array]:
+        """The constants that differ between the rows of a vector environment, (num_envs,) by name."""
+        return {name: np.asarray(value) for name, value in sorted((self.constants or {}).items()) if np.ndim(value)}
+
+    def _constant(self, name: str, value: ArrayLike) -> ArrayLike:
+        """A number, or a read-only array (num_envs,), for the constant ``name``."""
+        array = np.asarray(value, dtype=np.float64)
+        if array.ndim > 1 or not array.size or not np.isfinite(array).all():
+            raise ValueError(
+                f"{self.problem.id}: constants[{name!r}] must be a finite number, or one for each environment, got "
+                f"{value!r}"
+            )
+        return frozen_array(array) if array.ndim else float(array)
 
     @property
     def metadata(self) -> Info:

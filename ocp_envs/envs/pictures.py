@@ -50,7 +50,7 @@ class Pictures:
             raise ValueError("nothing to draw yet: call reset() before render()")
         if self._scene is None:
             self._scene = Scene(options.problem, window=self.mode == "human")
-        time, context = (len(states) - 1) * options.dt, self._plant.step.context[row]
+        time, context = (len(states) - 1) * options.dt, self._plant.context[row]
         self._scene.draw(np.array(states), context, time, float(self._cost[row]), self._plans[row])
         return self._scene
 

@@ -41,6 +41,8 @@ class Plant:
         self.parameters = np.zeros((rows, len(options.problem.parameters)))
         # Where the duration is given, the goal counts from that time on.
         self.earliest = np.zeros(rows, dtype=np.int64)
+        for column, name in enumerate(options.varied, start=len(options.problem.context)):
+            self.step.context[:, column] = self._of_rows(name)
         # Of shape (1, nx): with a single row nothing has to be broadcast.
         box = options.problem.system.state
         self._lower, self._upper = box.lower[None], box.upper[None]
@@ -48,6 +50,21 @@ class Plant:
         self._noise = np.asarray(options.observation_noise)[None]
         self._late = deque(np.zeros((rows, options.problem.system.nu)) for _ in range(options.delay))
         self._lock = threading.RLock()
+
+    def _of_rows(self, name: str) -> Array:
+        """The values of the constant ``name`` in each row, (rows,)."""
+        values = self.options.varied[name]
+        if values.shape != (self.rows,):
+            raise ValueError(
+                f"{self.options.problem.id}: constants[{name!r}] must be one number, or one for each of {self.rows} "
+                f"environments, got the shape {values.shape}"
+            )
+        return values
+
+    @property
+    def context(self) -> Array:
+        """The context of each episode, (rows, nc); what is written into it is that of the next control step."""
+        return self.step.context[:, : len(self.options.problem.context)]
 
     def __getstate__(self) -> dict[str, object]:
         return {name: value for name, value in self.__dict__.items() if name not in ("_lock", "_clearances")}
@@ -78,9 +95,9 @@ class Plant:
 
     def _begin(self, rows: Ints, parameters: Array) -> None:
         index = ALL if len(rows) == self.rows else rows
-        self.step.state[index], self.step.context[index] = self.options.problem.start(parameters)
+        self.step.state[index], self.context[index] = self.options.problem.start(parameters)
         self.parameters[index] = parameters
-        problem, contexts = self.options.problem, self.step.context[index]
+        problem, contexts = self.options.problem, self.context[index]
         if problem.fixed_time:
             self.earliest[index] = count_steps(problem.durations(contexts)[:, 1], self.options.dt)
         for controls in self._late:
@@ -89,7 +106,7 @@ class Plant:
     def inside_goal(self, rows: Ints) -> Bools:
         """Whether the states of ``rows`` are in the goal ball as episodes begin, (len(rows),)."""
         problem = self.options.problem
-        error = problem.goal_error(self.step.state[rows], self.step.context[rows])
+        error = problem.goal_error(self.step.state[rows], self.context[rows])
         return np.asarray((error < problem.goal.radius) & (self.earliest[rows] == 0))
 
     def terminal_cost(self, rows: Bools) -> Array | float:
@@ -102,13 +119,13 @@ class Plant:
 
     def safe_controls(self) -> Array:
         """The control at the goal in the contexts of the episodes, (rows, nu)."""
-        return self.options.problem.terminal.controls(self.step.context)
+        return self.options.problem.terminal.controls(self.context)
 
     def violation(self, rows: Ints) -> Array | None:
         """Violation of the path constraints in the states of ``rows``, (len(rows),); ``None`` without constraints."""
         if self._clearances is None:
             return np.zeros(len(rows)) if self.options.problem.constrained else None
-        (clearances,) = self._clearances(self.step.state[rows], self.step.context[rows])
+        (clearances,) = self._clearances(self.step.state[rows], self.context[rows])
         return np.asarray(np.maximum(0.0, -clearances.min(axis=1)))
 
     @cached_property
@@ -204,7 +221,7 @@ class Episodes:
     @property
     def context(self) -> Array:
         """The context, (nc,) or (num_envs, nc)."""
-        return np.array(self._plant.step.context[self._shown])
+        return np.array(self._plant.context[self._shown])
 
     @property
     def parameters(self) -> Array:

@@ -66,7 +66,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         terminate_at_goal: bool = True,
         time_limit: float | None = None,
         max_episode_steps: int | None = None,
-        constants: Mapping[str, float] | None = None,
+        constants: Mapping[str, ArrayLike] | None = None,
         disturbance: ArrayLike = 0.0,
         observation_noise: ArrayLike = 0.0,
         delay: int = 0,
@@ -164,9 +164,8 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         """Begin episodes in ``rows`` with ``parameters`` (len(rows), np), drawn if not given; their ``info``."""
         if parameters is None:
             parameters = self.options.draw_parameters([self._generators[row] for row in rows])
-        step = self._plant.step
         self._plant.begin(rows, parameters)
-        self._observed[rows, self.problem.system.nx :] = step.context[rows]
+        self._observed[rows, self.problem.system.nx :] = self._plant.context[rows]
         self._steps[rows] = 0
         self._terminated[rows] = False
         self._truncated[rows] = False
