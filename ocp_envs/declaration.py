@@ -72,6 +72,7 @@ def checked_fields(problem: OptimalControlProblem) -> dict[str, object]:
         "longest_substep": fields.positive(owner, "longest_substep", problem.longest_substep),
         "rest": _rest(problem),
         "planned": _planned(problem),
+        "clearance_points": fields.whole(owner, "clearance_points", problem.clearance_points, 1),
     }
 
 

@@ -34,6 +34,8 @@ def _further(problem: OptimalControlProblem, contexts: Array) -> list[object]:
         parts += [["mixed", *map(_digits, problem.batch_mixed()(x, u, contexts))]]
     if problem.planned:
         parts += [["planned", *sorted(problem.planned.items())]]
+    if problem.clearance_points > 1:
+        parts += [["clearance_points", problem.clearance_points]]
     if not problem.numeric_duration:
         parts += [["duration", _digits(problem.durations(contexts))]]
     if callable(problem.parametrisation.rest):

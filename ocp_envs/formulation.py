@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -78,6 +79,19 @@ class Formulation:
         """h of ``x`` as :meth:`clearances`, with ``context`` and ``constants`` by name."""
         signature = "state, context, constants"
         return self._column("clearance", self._problem.clearance, signature, x, (ca.vertsplit(x), context, constants))
+
+    def between(self, x: Expression, u: Expression, s: Expression, h: Expression) -> Expression:
+        """h inside an interval of ``h`` seconds that begins at ``x`` with the control ``u``, (nh · (points − 1), 1).
+
+        The points are those of ``problem.clearance_points``, each reached from the knot by Runge-Kutta steps of about
+        the length that the interval has.
+        """
+        problem, found = self._problem, []
+        for j in range(1, problem.clearance_points):
+            fraction = j / problem.clearance_points
+            state, _ = self.flow(x, u, s, fraction * h, math.ceil(problem.substeps * fraction))
+            found.append(self.clearances(state, s))
+        return ca.vertcat(type(x)(0, 1), *found)
 
     def mixed(self, x: Expression, u: Expression, s: Expression) -> tuple[Expression, Expression]:
         """The constraints on states and controls, those ≥ 0 and those = 0, in columns ``x``, ``u`` and ``s``."""

@@ -84,6 +84,8 @@ class OptimalControlProblem:
         terminal_cost: φ, see :data:`TerminalCost`, or ``None``.
         inequalities, equalities: g and e, see :data:`MixedConstraints`, or ``None``. Plans meet them at every knot with
             the control of the interval that begins there.
+        clearance_points: points of each interval at which plans keep h ≥ 0: with 1 these are the knots, with m there
+            are m − 1 more between two knots, equally spaced in time.
         planned: (lower, upper) of states and controls in plans, by the name of the coordinate, where plans have to keep
             a distance from the bounds of the system, at which a simulation ends and a control is clipped.
 
@@ -119,6 +121,7 @@ class OptimalControlProblem:
     inequalities: MixedConstraints | None = None
     equalities: MixedConstraints | None = None
     planned: Mapping[str, tuple[float, float]] | None = None
+    clearance_points: int = 1
 
     def __post_init__(self) -> None:
         self.__dict__.update(checked_fields(self))
@@ -332,6 +335,17 @@ class OptimalControlProblem:
         """The function (x, u, s) → constraints on states and controls, those ≥ 0 (B, ng) and those = 0 (B, ne)."""
         x, u, s = self.symbols()
         return BatchFunction(dense_function("mixed", [x, u, s], list(self.formulation.mixed(x, u, s))))
+
+    @property
+    def n_between(self) -> int:
+        """Number of path constraints between two knots."""
+        return self.n_clearances * (self.clearance_points - 1)
+
+    @kept
+    def batch_between(self) -> BatchFunction:
+        """The function (x, u, s, h (B, 1)) → path constraints inside intervals of h seconds, (B, n_between)."""
+        (x, u, s), h = self.symbols(), ca.SX.sym("h")
+        return BatchFunction(dense_function("between", [x, u, s, h], [self.formulation.between(x, u, s, h)]))
 
     @kept
     def batch_terminal_cost(self) -> BatchFunction:

@@ -44,7 +44,7 @@ def verify(
     found, total = residuals(problem, parameters, trajectory)
     largest = {name: amount.max(axis=(1, 2), initial=0.0) for name, amount in found.items()}
     defect, goal = largest["dynamics"], largest["goal"]
-    path = np.max([largest[name] for name in ("clearance", "mixed", "final")], axis=0)
+    path = np.max([largest[name] for name in ("clearance", "between", "mixed", "final")], axis=0)
     bounds = np.maximum(np.maximum(largest["state"], largest["control"]), largest["duration"])
     passed = (defect <= DEFECT_TOLERANCE) & (goal <= GOAL_TOLERANCE)
     passed &= (bounds <= BOUND_TOLERANCE) & (path <= BOUND_TOLERANCE) & np.isfinite(total)
@@ -61,7 +61,7 @@ def residuals(
     They belong to instances of ``problem`` with ``parameters`` (B, np). Violations have the shape (B, knots,
     components), in scaled units (those of the duration as a fraction of the longest one) or in the unit of the
     constraint. "dynamics", "state" and "clearance" have all knots, the initial condition being part of "dynamics",
-    "control" and "mixed" all but the last, and "goal", "final" (the last) and "duration" one.
+    "control", "between" and "mixed" all but the last, and "goal", "final" (the last) and "duration" one.
     """
     size, knots, nx = trajectory.states.shape
     initial, contexts = problem.start(parameters)
@@ -83,6 +83,7 @@ def residuals(
         "control": _excess(controls, problem.planned_controls),
         "duration": np.maximum(duration, 0.0)[:, None, None],
         "clearance": _shortfall(problem, trajectory, contexts),
+        "between": _between(problem, trajectory, contexts),
         "mixed": _mixed(problem, trajectory, contexts),
         "final": problem.terminal.violations(last, contexts)[:, None],
     }
@@ -94,6 +95,17 @@ def residuals(
 
 def _excess(values: Array, box: Box) -> Array:
     return np.asarray(np.maximum(np.maximum(box.lower - values, values - box.upper) / box.scale, 0.0))
+
+
+def _between(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
+    """How far clearances are below 0 inside the intervals, (B, N − 1, n_between)."""
+    size, intervals, nu = trajectory.controls.shape
+    if not problem.n_between:
+        return np.zeros((size, intervals, 0))
+    states = trajectory.states[:, :-1].reshape(size * intervals, -1)
+    lengths = np.repeat(trajectory.step, intervals)[:, None]
+    arguments = states, trajectory.controls.reshape(-1, nu), np.repeat(contexts, intervals, axis=0), lengths
+    return np.asarray(np.maximum(-problem.batch_between()(*arguments)[0], 0.0).reshape(size, intervals, -1))
 
 
 def _mixed(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:

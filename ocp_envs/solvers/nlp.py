@@ -220,8 +220,8 @@ class Backend:
             self._buffer.set_arg(solver.index_in(name), memoryview(array))  # type: ignore[arg-type]
         for name, array in outputs.items():
             self._buffer.set_res(solver.index_out(name), memoryview(array))  # type: ignore[arg-type]
-        inputs["lbg"][:], inputs["ubg"][:] = transcription.constraint_bounds
-        self._inputs, self._clearances = inputs, transcription.rows.clearances
+        self._lower, inputs["ubg"][:] = transcription.constraint_bounds
+        self._inputs, self._transcription = inputs, transcription
         self.w, self.cost, self.lam_g = outputs["x"], outputs["f"], outputs["lam_g"]
         self._ended = ""
 
@@ -234,7 +234,7 @@ class Backend:
         arguments = self._inputs
         arguments["x0"][:], arguments["p"][:] = task.guess, task.parameter
         arguments["lbx"][:], arguments["ubx"][:] = lower, upper
-        arguments["lbg"][self._clearances] = 0.0 if task.margin is None else task.margin[:, None]
+        arguments["lbg"][:] = self._lower if task.margin is None else self._transcription.lower_sides(task.margin)
         try:
             self._ended = ""
             self._call()

@@ -73,10 +73,13 @@ def worst_violation(problem: OptimalControlProblem, parameters: Array, trajector
         "control": lambda: f"the bounds of {control[i]}",
         "duration": lambda: "the bounds of the duration",
         "clearance": lambda: f"clearance {i}",
+        "between": lambda: f"clearance {i % problem.n_clearances} after",
         "mixed": lambda: f"inequality {i}" if i < problem.n_mixed[0] else f"equality {i - problem.n_mixed[0]}",
         "final": lambda: f"final constraint {i}",
     }[name]()
-    unit = {"clearance": "", "mixed": "", "final": "", "duration": " of the longest one"}.get(name, " of its scale")
+    unit = {"clearance": "", "between": "", "mixed": "", "final": "", "duration": " of the longest one"}.get(
+        name, " of its scale"
+    )
     where = "" if name == "duration" else f" at knot {problem.knots - 1 if name in ('goal', 'final') else knot}"
     return f"the best attempt violates {what} most,{where} by {amount[row, knot, i]:.3g}{unit}"
 

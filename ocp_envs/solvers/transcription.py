@@ -58,11 +58,15 @@ class Rows(NamedTuple):
 
 
 class Counts(NamedTuple):
-    """Numbers of constraints: ``clearances``, and those ≥ 0 and = 0 among the ``mixed`` and the ``final`` ones."""
+    """Numbers of constraints: ``clearances``, and those ≥ 0 and = 0 among the ``mixed`` and the ``final`` ones.
+
+    The last ``between`` of those ≥ 0 among the mixed ones are clearances between two knots.
+    """
 
     clearances: int
     mixed: tuple[int, int]
     final: tuple[int, int]
+    between: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +133,7 @@ class Transcription:
     @cached_property
     def rows(self) -> Rows:
         """Where each constraint is in g."""
-        m, defect, (clear, mixed, final) = self.intervals, self.nx + 1, self.counts
+        m, defect, (clear, mixed, final, _) = self.intervals, self.nx + 1, self.counts
         width = defect + clear + sum(mixed)
         first = np.arange(m) * width - np.where(np.arange(m) > 0, clear, 0)  # no clearances at the first knot
         after = first + defect + np.where(np.arange(m) > 0, clear, 0)
@@ -157,6 +161,18 @@ class Transcription:
     def _ends_of(self, context: Array) -> tuple[Array, Array, Array]:
         lower, upper, steps = (np.array(part) for part in self.ends(context))
         return lower.T, upper.T, steps.ravel()
+
+    def lower_sides(self, margin: Array) -> Array:
+        """Lower bounds of g where the clearances at the knots k ≥ 1 are at least the ``margin`` (N − 1,).
+
+        Between two knots they are at least the smaller margin of both, that of the first knot being 0.
+        """
+        lower = self.constraint_bounds[0].copy()
+        lower[self.rows.clearances] = margin[:, None]
+        last, count = self.counts.mixed[0], self.counts.between
+        smaller = np.minimum(np.concatenate([np.zeros(1), margin[:-1]]), margin)
+        lower[self.rows.mixed[:, last - count : last]] = smaller[:, None]
+        return lower
 
     def bounds(self, target: int, context: Array) -> tuple[Array, Array]:
         """Bounds of w for the goal's target with the index ``target`` in a ``context`` (nc,)."""
@@ -232,7 +248,10 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
         nx=system.nx,
         nu=system.nu,
         counts=Counts(
-            problem.n_clearances, problem.n_mixed, (problem.terminal.n_inequalities, problem.terminal.n_equalities)
+            clearances=problem.n_clearances,
+            mixed=(problem.n_mixed[0] + problem.n_between, problem.n_mixed[1]),
+            final=(problem.terminal.n_inequalities, problem.terminal.n_equalities),
+            between=problem.n_between,
         ),
         state_scale=system.state.scale,
         control_scale=system.control.scale,
@@ -287,7 +306,8 @@ class _Stages(NamedTuple):
         state, control = x * scale, u * ca.DM(system.control.scale) + ca.DM(centre)
         following, cost = formulation.flow(state, control, s, h * step_scale, problem.substeps)
         z = ca.vertcat(x, h, u)
-        mixed = ca.vertcat(*formulation.mixed(state, control, s))
+        inequalities, equalities = formulation.mixed(state, control, s)
+        mixed = ca.vertcat(inequalities, formulation.between(state, control, s, h * step_scale), equalities)
         final = ca.vertcat(*problem.terminal.constraints(state, s))
         end = formulation.terminal_cost(state, s) / cost_scale
         return cls(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from typing import Any
 
 import numpy as np
@@ -192,3 +193,39 @@ def test_problems_that_differ_in_what_they_declare_have_different_fingerprints()
 def test_declarations_that_do_not_fit_are_refused(changes, message):
     with pytest.raises((ValueError, TypeError), match=message):
         problem(**changes)
+
+
+def _over_a_peak(points):
+    """Over a peak of the height 1 at x = 0, of the width of an interval, from the left to the right."""
+    box = Box((Coordinate("x", -5.0, 5.0, "m"), Coordinate("y", -5.0, 5.0, "m")))
+    system = dataclasses.replace(
+        STRONG,
+        state=box,
+        control=Box((Coordinate("u", -1.0, 1.0, "m/s"), Coordinate("w", -5.0, 5.0, "m/s"))),
+        constants={},
+        dynamics=lambda x, u, c: [u[0], u[1]],
+    )
+    return problem(
+        system=system,
+        parameters=Box((Coordinate("x", -5.0, -3.0, "m"),)),
+        cost_rate=lambda x, u, s, c: 1 + u[1] ** 2 / 2,
+        goal=Goal([4.0, 0.0], radius=0.05),
+        knots=8,
+        clearance=lambda x, s, c: [x[1] - 2 + 4 * x[0] ** 2],
+        clearance_points=points,
+    )
+
+
+@pytest.mark.parametrize("points", [2, 4])
+def test_plans_keep_clear_between_knots_where_they_are_asked_to(points):
+    """With the constraint at the knots alone, the plan passes through the peak."""
+    fraction = np.linspace(0, 1, 101)[:, None]
+
+    def deepest(declared):
+        plan = ocp_envs.solve(declared, [-4.0], starts=4).trajectory
+        states = np.concatenate([a + fraction * (b - a) for a, b in itertools.pairwise(plan.states[0])])
+        return max(0.0, -float(declared.batch_clearances()(states, np.zeros((len(states), 0)))[0].min()))
+
+    at_knots, between = deepest(_over_a_peak(1)), deepest(_over_a_peak(points))
+    assert at_knots > 0.5
+    assert between < 0.6 * at_knots
