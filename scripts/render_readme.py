@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from moe_policy.experiments import cli
+from moe_policy.experiments.between_knots import COLUMNS as BETWEEN_KNOTS_COLUMNS
+from moe_policy.experiments.between_knots import BetweenKnots
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
 from moe_policy.experiments.checking import PlannerChecks
 from moe_policy.experiments.checking_tables import (
@@ -66,6 +68,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("planners_checked", "times"): table(PlannerChecks, lambda record: record.times, TIME_COLUMNS),
     ("planners_checked", "bounds"): table(PlannerChecks, lambda record: record.bounds, BOUND_COLUMNS),
     ("clusters", None): table(ClusterChoice, lambda record: record.rows, CLUSTER_COLUMNS),
+    ("between_knots", None): table(BetweenKnots, lambda record: record.rows, BETWEEN_KNOTS_COLUMNS),
     ("discretisation", None): table(Discretisation, lambda record: record.rows, DISCRETISATION_COLUMNS),
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("stabiliser", None): table(Sensitivity, lambda record: record.rows, COLUMNS),

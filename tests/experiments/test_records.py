@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from moe_policy.experiments.between_knots import BetweenKnots
 from moe_policy.experiments.budgets import Budgets
 from moe_policy.experiments.checking import PlannerChecks
 from moe_policy.experiments.cluster_choice import ClusterChoice
@@ -41,6 +42,7 @@ TYPES: dict[str, type[Record]] = {
     "interruptions_*": Interruptions,
     "starts_*": StartTables,
     "data_[GPQ]*": DataReport,
+    "between_knots_*": BetweenKnots,
     "discretisation_*": Discretisation,
     "failures_*": Diagnosis,
     "families_*": Families,
