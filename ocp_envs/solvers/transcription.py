@@ -21,7 +21,6 @@ last knot. They form a small box because fatrop stagnates on equalities there.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -30,8 +29,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from ocp_envs.points import points_of
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.solvers.stages import Stages, cost_scale
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.kept import kept
 from ocp_envs.trajectory import Trajectory
@@ -237,8 +236,8 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
         row = np.concatenate([state / system.state.scale, np.array([step / step_scale]), scaled_control])
         return np.tile(row, (knots, 1))[present]
 
-    cost_scale = _cost_scale(problem)
-    stages = _Stages.of(problem, centre, step_scale, cost_scale)
+    per_cost = cost_scale(problem)
+    stages = Stages.of(problem, centre, step_scale, per_cost)
     states, controls = problem.planned_states, problem.planned_controls
     return Transcription(
         nlp=_program(problem, stages),
@@ -257,65 +256,10 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
         control_scale=system.control.scale,
         control_centre=centre,
         step_scale=step_scale,
-        cost_scale=cost_scale,
+        cost_scale=per_cost,
         lower=scaled(states.lower, 0.0, controls.lower),
         upper=scaled(states.upper, longest, controls.upper),
     )
-
-
-def _cost_scale(problem: OptimalControlProblem) -> float:
-    """The power of 100 that brings a typical cost of ``problem`` to between 1 and 100.
-
-    Typical is the median of the cost rate at initial states with the goal's control, or in the box where it is zero
-    there, over half the longest duration; and of the terminal cost at the goal, or at initial states or in the box,
-    where it is larger.
-    """
-    at_goal, at_starts, in_box = points_of(problem)
-    typical = _median([problem.batch_rate()(at.states, at.controls, at.contexts)[1] for at in (at_starts, in_box)])
-    typical *= problem.longest / 2
-    if problem.terminal_cost is not None:
-        ends = (at_goal, at_starts, in_box)
-        typical = max(typical, _median([problem.batch_terminal_cost()(at.states, at.contexts)[0] for at in ends]))
-    return float(100.0 ** np.floor(np.log10(typical) / 2)) if typical > 0 else 1.0
-
-
-def _median(sets: Sequence[Array]) -> float:
-    """The median magnitude in the first of ``sets`` that has values other than 0; 0 without any."""
-    for values in sets:
-        magnitude = np.abs(values)
-        usable = magnitude[np.isfinite(magnitude) & (magnitude > 0)]
-        if len(usable):
-            return float(np.median(usable))
-    return 0.0
-
-
-class _Stages(NamedTuple):
-    """The scaled functions of one stage, see :class:`Transcription`."""
-
-    interval: ca.Function
-    clearance: ca.Function
-    mixed: ca.Function
-    final: ca.Function
-
-    @classmethod
-    def of(cls, problem: OptimalControlProblem, centre: Array, step_scale: float, cost_scale: float) -> _Stages:
-        system, formulation = problem.system, problem.formulation
-        x, u, s = problem.symbols()
-        h = ca.SX.sym("h")
-        scale = ca.DM(system.state.scale)
-        state, control = x * scale, u * ca.DM(system.control.scale) + ca.DM(centre)
-        following, cost = formulation.flow(state, control, s, h * step_scale, problem.substeps)
-        z = ca.vertcat(x, h, u)
-        inequalities, equalities = formulation.mixed(state, control, s)
-        mixed = ca.vertcat(inequalities, formulation.between(state, control, s, h * step_scale), equalities)
-        final = ca.vertcat(*problem.terminal.constraints(state, s))
-        end = formulation.terminal_cost(state, s) / cost_scale
-        return cls(
-            ca.Function("interval", [z, s], [ca.vertcat(following / scale, h), cost / cost_scale]),
-            ca.Function("clearances", [x, s], [problem.clearances(state, s)]),
-            ca.Function("mixed", [z, s], [mixed]),
-            ca.Function("final", [x, s], [final, end]),
-        )
 
 
 def _ends(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
@@ -324,7 +268,7 @@ def _ends(problem: OptimalControlProblem, step_scale: float) -> ca.Function:
     return ca.Function("ends", [s], [*problem.terminal.scaled_sides(s), ca.SX(steps)])
 
 
-def _program(problem: OptimalControlProblem, functions: _Stages) -> ca.Function:
+def _program(problem: OptimalControlProblem, functions: Stages) -> ca.Function:
     nx, nu, m = problem.system.nx, problem.system.nu, problem.knots - 1
     scale = ca.DM(problem.system.state.scale)
     parameter = ca.MX.sym("p", nx + len(problem.context))
