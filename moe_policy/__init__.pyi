@@ -56,6 +56,8 @@ from moe_policy.rl.settings import SACSettings as SACSettings
 from moe_policy.rl.settings import TQCSettings as TQCSettings
 from moe_policy.rl.training import TrainingRun as TrainingRun
 from moe_policy.rl.training import train as train
+from moe_policy.rollouts.compared import Comparison as Comparison
+from moe_policy.rollouts.comparison import compare as compare
 from moe_policy.rollouts.environments import environments as environments
 from moe_policy.rollouts.episodes import Episodes as Episodes
 from moe_policy.rollouts.intervals import Estimate as Estimate

@@ -63,17 +63,11 @@ def main() -> None:
     arguments = parser.parse_args()
     if min(arguments.problems, arguments.epochs) < 1:
         parser.error("--problems and --epochs: expected whole numbers of 1 or more")
-    # 4. Solved, a database of the best trajectories; one network, and a mixture with an expert for each final angle.
+    # 4. Solved, a database of the best trajectories; 5. learnt by a single network and by mixtures, and both tracked.
     p, path = ocp_envs.sample(PROBLEM, seed=0, n=arguments.problems), arguments.data / PROBLEM.id / "training.zarr"
     database = ocp_envs.generate(PROBLEM, path, p, progress=True)
     settings = moe_policy.TrainingSettings(epochs=arguments.epochs)
-    single = moe_policy.fit_single(database, settings=settings)
-    mixture = moe_policy.fit_mixture(database, moe_policy.cluster(database, "custom"), settings=settings)
-    # 5. Both tracked with LQR, from fresh starts.
-    envs, starts = moe_policy.environments(PROBLEM, 500), ocp_envs.sample(PROBLEM, seed=1, n=500)
-    for planner in (single, mixture):
-        episodes = moe_policy.rollout(envs, moe_policy.TrackingPolicy(PROBLEM, planner), starts)
-        print(f"{planner.name}: {episodes.success.sum()} of {len(starts)} stand upright")
+    print(moe_policy.compare(PROBLEM, database, settings=settings, progress=True))
 
 
 if __name__ == "__main__":

@@ -91,6 +91,7 @@ CALLS: dict[str, dict[str, Callable[[], Any]]] = {
         "margin": lambda: 0.1,
     },
     "cluster": {"method": lambda: "custom"},
+    "compare": {"clusters": lambda: [2], "test": lambda: 2, "development": lambda: 2, "repaired": lambda: False},
     "disc": {"center": lambda: np.zeros(3), "radius": lambda: 1.0},
     "environments": {"count": lambda: 2},
     "RLSettings": {"steps": lambda: 8},

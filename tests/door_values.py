@@ -108,6 +108,11 @@ def checked_plans() -> moe_policy.CheckedPlans:
     return moe_policy.Checked(planner(), repair=moe_policy.Repair(rounds=0)).check(P)
 
 
+def comparison() -> moe_policy.Comparison:
+    metrics = moe_policy.evaluate(PENDULUM, episodes())
+    return moe_policy.Comparison(PENDULUM, {"snn": planner()}, {"snn": metrics}, {"snn": 1}, "snn", (12, 2, 2))
+
+
 def step() -> ocp_envs.Step:
     return ocp_envs.Simulator(PENDULUM, 0.02).advance(P, np.zeros((2, 1)), np.zeros((2, 0)))
 
@@ -135,6 +140,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "Box": lambda: PENDULUM.parameters,
     "Coordinate": lambda: ocp_envs.Coordinate("x", -1.0, 1.0, "m", 1.0, None),
     "CheckedPlans": checked_plans,
+    "Comparison": comparison,
     "CostRatio": lambda: moe_policy.CostRatio(1.1, 3),
     "EnvOptions": lambda: ocp_envs.EnvOptions(PENDULUM),
     "Episodes": episodes,

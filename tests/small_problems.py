@@ -5,7 +5,7 @@ import dataclasses
 import casadi as ca
 import numpy as np
 
-from ocp_envs.goal import Goal
+from ocp_envs.goal import Goal, winding_modes
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.system import Box, Coordinate, System
 
@@ -105,3 +105,6 @@ TURN = OptimalControlProblem(
     hold=2.0,
     time_limit=15.0,
 )
+
+#: The same with the two sides as solution families.
+TURNING = dataclasses.replace(TURN, modes=winding_modes(("right", "left")))

@@ -16,7 +16,7 @@ from moe_policy.experiments.cluster_models import ClusterModel
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, present
 from moe_policy.experiments.seeds import Range
 from moe_policy.experiments.tables import Column, with_range
-from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.comparison import fewest
 from ocp_envs.support.provenance import Provenance
 
 #: Fields of a model whose range over the seeds a row has.
@@ -81,8 +81,7 @@ class ClusterChoice(Record):
 
 def chosen(rows: Sequence[ClusterRow], cases: int) -> tuple[int, tuple[float, float]]:
     """The k chosen among ``rows``, evaluated on ``cases`` instances, and the interval of the largest measure."""
-    low, high = Proportion(round(max(row.measure for row in rows)), cases).interval
-    return min(row.k for row in rows if row.measure >= low * cases), (low * cases, high * cases)
+    return fewest({row.k: row.measure for row in rows}, cases)
 
 
 def noted(rows: Sequence[ClusterRow], chosen: int, used: int) -> tuple[ClusterRow, ...]:

@@ -183,3 +183,23 @@ def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, se
     present, values = np.unique(labels, return_inverse=True)
     settings["inertia"] = float(fitted.inertia_)
     return Labels(values, tuple(f"cluster {i}" for i in range(len(present))), method, settings)
+
+
+def without_small(samples: Samples, labels: Labels, least: int) -> Labels:
+    """The ``labels`` of ``samples`` without clusters of fewer than ``least``: an expert learns nothing from a few.
+
+    Their samples join the remaining cluster whose mean trajectory is nearest, every component standardised. The
+    largest cluster always remains.
+    """
+    sizes = labels.sizes
+    kept = np.flatnonzero((sizes >= least) | (np.arange(labels.k) == sizes.argmax()))
+    moved = np.flatnonzero(~np.isin(labels.values, kept))
+    if not len(moved):
+        return labels
+    flat = samples.trajectory.flat()
+    scaled = Standardizer.fit(flat).scale(flat)
+    centres = np.array([scaled[labels.values == cluster].mean(axis=0) for cluster in kept])
+    values = np.searchsorted(kept, labels.values)
+    values[moved] = np.linalg.norm(scaled[moved, None] - centres, axis=2).argmin(axis=1)
+    names = tuple(labels.names[cluster] for cluster in kept)
+    return Labels(values, names, labels.method, {**labels.settings, "least": least})

@@ -12,7 +12,6 @@ from ocp_envs.data.layout import DatabaseError
 from ocp_envs.data.refined import better
 from ocp_envs.data.refinement import REFINED, _Task, refine, refine_chunk
 from ocp_envs.data.settings import GenerationSettings
-from ocp_envs.goal import winding_modes
 from ocp_envs.sets.sampling import sample
 from ocp_envs.solvers.check import verify
 from ocp_envs.solvers.guesses import guesses
@@ -20,9 +19,7 @@ from ocp_envs.solvers.nlp import Status
 from ocp_envs.trajectory import Trajectory
 from tests.data.running import InProcess
 from tests.in_process import Solver
-from tests.small_problems import DOUBLE_INTEGRATOR, TURN
-
-TURNING = dataclasses.replace(TURN, modes=winding_modes(("right", "left")))
+from tests.small_problems import DOUBLE_INTEGRATOR, TURNING
 
 #: One guess for each winding, in chunks of four.
 QUICK = GenerationSettings(first=4, chunk=4, starts=1, neighbours=1, lookaround=1)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from moe_policy.learning import clustering
-from moe_policy.learning.clustering import Labels, cluster
+from moe_policy.learning.clustering import Labels, cluster, without_small
 from ocp_envs.data.continuation import Continuation
 from ocp_envs.data.database import Database
 from ocp_envs.data.neighbours import neighbour_pairs
@@ -174,3 +174,17 @@ def test_labels_are_checked():
     for names in ((), "ab"):
         with pytest.raises((TypeError, ValueError), match="a name for each cluster"):
             Labels(np.array([0, 1]), names, "custom")
+
+
+def test_a_cluster_too_small_to_learn_from_joins_the_nearest_one():
+    samples = fake_samples(60, modes=3)
+    values = samples.mode.copy()
+    few = np.flatnonzero(values == 1)[:3]
+    values[few] = 3
+    joined = without_small(samples, Labels(values, ("a", "b", "c", "d"), "own"), 10)
+    np.testing.assert_array_equal(joined.values, samples.mode)
+    assert joined.names == ("a", "b", "c")
+    assert joined.settings["least"] == 10
+    everything = without_small(samples, Labels(values, ("a", "b", "c", "d"), "own"), 61)
+    assert (everything.k, len(everything)) == (1, 60)
+    assert without_small(samples, joined, 2) is joined
