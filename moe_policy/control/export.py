@@ -1,6 +1,6 @@
 """Tracking policies as C: one file and its header, without allocation, for a controller that has no Python.
 
-The file holds the weights of the network, the plan's resampling, the regulators (``riccati.c``) and the control step
+The file holds the weights of the network, the plan's resampling, the regulators (``follow.c``) and the control step
 (``step.c``). Weights are in single precision; everything is calculated in double precision, also the network, which
 Python calculates in single precision: plans differ by its rounding.
 """
@@ -16,14 +16,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from moe_policy.control.following import numbers_of
 from moe_policy.control.lqr import Regulator
-from moe_policy.control.program import GAINS, STEP
+from moe_policy.control.program import TRACKING
 from moe_policy.control.step import box_arrays
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import NEGATIVE_SLOPE, MixtureOfExperts, SingleNetwork, Softmax
 from ocp_envs.parameters import SEAM
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.clock import TOLERANCE, count_steps
+from ocp_envs.support.clock import count_steps
 from ocp_envs.support.files import replacing
 from ocp_envs.support.programs import text, written
 from ocp_envs.system import Box
@@ -34,10 +35,10 @@ if TYPE_CHECKING:
 _HEADER, _PROGRAM = (Path(__file__).with_name(f"export.{kind}") for kind in "hc")
 
 
-def write(policy: TrackingPolicy, folder: Path, name: str, margin: float) -> Path:
+def write(policy: TrackingPolicy, folder: Path, name: str) -> Path:
     """Write ``policy`` as ``<name>.c`` and ``<name>.h`` into ``folder``; the path of the C.
 
-    Names of C begin with ``name``; a plan counts as clipped where its duration is ``margin`` seconds beyond its bounds.
+    Names of C begin with ``name``.
 
     Raises:
         TypeError: the policy's planner is no network.
@@ -61,7 +62,7 @@ def write(policy: TrackingPolicy, folder: Path, name: str, margin: float) -> Pat
         )
     ]
     sizes = _sizes(problem, policy.dt)
-    macros = {**sizes, **_numbers(planner, policy.regulator), "MARGIN": margin}
+    macros = {**sizes, **_numbers(planner)}
     macros |= {f"{f.name().removeprefix(f'{name}_').upper()}_W": f.sz_w() for f in functions}
     parts = [
         f'/* See {name}.h. */\n\n#include "{name}.h"\n#define API(part) {name}_##part\n#define LOCAL static',
@@ -69,7 +70,7 @@ def write(policy: TrackingPolicy, folder: Path, name: str, margin: float) -> Pat
         *(f"#define {f.name().removeprefix(f'{name}_')} {f.name()}" for f in functions),
         *_arrays(planner, policy.regulator),
         *_networks(planner),
-        text([STEP, GAINS, _PROGRAM], [], macros),
+        text([*TRACKING, _PROGRAM], [], macros),
     ]
     for kind, content in (("h", _header(policy, name, sizes)), ("c", "\n".join(parts))):
         with replacing(folder / f"{name}.{kind}") as file:
@@ -96,18 +97,12 @@ def _sizes(problem: OptimalControlProblem, dt: float) -> dict[str, int]:
     }
 
 
-def _numbers(planner: NetworkPlanner, regulator: Regulator) -> dict[str, float | int]:
+def _numbers(planner: NetworkPlanner) -> dict[str, float | int]:
     """The other numbers of a policy, by macro."""
-    problem, network = planner.problem, planner.network
-    shortest, longest = problem.durations(problem.context.centre[None])[0].tolist()
+    network = planner.network
     parts = [network.gate, *network.experts] if isinstance(network, MixtureOfExperts) else [network]
     return {
-        "DT": regulator.dt,
-        "SHORTEST": shortest,
-        "LONGEST": longest,
-        "COUNT_TOLERANCE": TOLERANCE,
         "SEAM": SEAM,
-        "AUTHORITY": regulator.weights.authority,
         "NEGATIVE_SLOPE": NEGATIVE_SLOPE,
         "EXPERTS": len(parts) - 1 or 1,
         "EPSILON": planner.mixing.epsilon if isinstance(planner.mixing, Softmax) else 0.0,
@@ -136,6 +131,8 @@ def _arrays(planner: NetworkPlanner, regulator: Regulator) -> Iterator[str]:
         **dict(zip(("period", "control_lower", "control_upper"), box_arrays(problem))),
         "goal_state": problem.terminal.states(problem.context.centre[None])[0],
         "goal_control": problem.terminal.controls(problem.context.centre[None])[0],
+        "durations": problem.durations(problem.context.centre[None]),
+        "numbers": numbers_of(regulator),
         "weight_state": weights.state,
         "weight_control": weights.control,
         "weight_terminal": regulator.central.terminal,

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from moe_policy.control.program import compiled
-from moe_policy.control.riccati import References, run, run_compiled
+from moe_policy.control.riccati import References, run
 from moe_policy.control.weights import TrackingWeights
 from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.problem import OptimalControlProblem
@@ -149,9 +148,5 @@ class Regulator:
         gains[:], norms[:] = held.gain[:, None], held.norm[:, None]
         r = weights.control_at(controls, self.problem.system.control)
         plans = References(states, controls, contexts, steps, weights.state, r, held.terminal)
-        program = compiled(self.problem, self.substeps)
-        if program is None:
-            run(self.linearise, plans, gains, norms)
-        else:
-            run_compiled(program.along, plans, self.dt, gains, norms)
+        run(self.linearise, plans, gains, norms)
         return gains, norms

@@ -11,14 +11,15 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.kept import kept
 from ocp_envs.support.programs import entry, library
 
-#: The C of the control step, which other programs call as well, and that of the gains.
-STEP, GAINS = (Path(__file__).with_name(name) for name in ("step.c", "riccati.c"))
+#: The C of the control step, which other programs call as well, and that of all of tracking.
+STEP, *_OTHERS = (Path(__file__).with_name(name) for name in ("step.c", "riccati.c", "follow.c"))
+TRACKING = (STEP, *_OTHERS)
 
 
 class Program(NamedTuple):
-    """The functions of the same names in ``riccati.c`` and ``step.c``."""
+    """The functions of the same names in ``follow.c`` and ``step.c``."""
 
-    along: Callable[..., None]
+    follow: Callable[..., None]
     act: Callable[..., None]
 
 
@@ -30,6 +31,7 @@ def compiled(problem: OptimalControlProblem, substeps: int) -> Program | None:
 @kept
 def _compiled(problem: OptimalControlProblem, substeps: int, compiler: str | None, path: str | None) -> Program | None:
     """The program; the environment variables say which ``compiler`` there is on the ``path``."""
+    functions = [problem.batch_rate().function, problem.batch_linearisation(substeps).jacobian.function]
     sizes = {"NX": problem.system.nx, "NU": problem.system.nu, "NC": len(problem.context)}
-    made = library([STEP, GAINS], [problem.batch_linearisation(substeps).jacobian.function], sizes)
-    return None if made is None else Program(entry(made, "along", "qqppppqdppppp"), entry(made, "act", "qqppppp"))
+    made = library(TRACKING, functions, sizes)
+    return None if made is None else Program(entry(made, "follow", "qqq" + 10 * "p"), entry(made, "act", "qqppppp"))

@@ -1,12 +1,8 @@
-/* The Riccati recursion of moe_policy/control/lqr.py along one plan, from its last control step to its first.
+/* A step of the Riccati recursion of moe_policy/control/lqr.py, backwards in time.
 
-Before this file stand the function linearisation(x, u, s, h) -> [A B] of CasADi, NX x (NX + NU) by columns, and the
-macros NX, NU and LINEARISATION_W. Matrices of this file are stored by rows. */
+Before this file stand the macros NX and NU. Matrices of this file are stored by rows. */
 
 #include <math.h>
-#ifndef LOCAL
-#define LOCAL /* static where other files need not see the functions */
-#endif
 
 typedef double state_matrix[NX][NX];
 
@@ -71,25 +67,5 @@ static void backwards(const double *columns, const double *q, const double *r, s
   for (int i = 0; i < NX; ++i) {
     for (int j = 0; j < NX; ++j) p[i][j] = (f[i][j] + f[j][i]) / 2;
     p[i][i] += q[i];
-  }
-}
-
-/* Gains (rows, length, NU, NX) and norms (rows, length, NU, NU) before the steps of each row, at most length - 1; those
-from there on stay. Arrays as in Regulator.along; r is (rows, length - 1, NU), q (NX) and terminal (rows, NX, NX). */
-LOCAL void along(long long rows, long long length, const long long *steps, const double *states, const double *controls,
-           const double *contexts, long long context, double dt, const double *q, const double *r,
-           const double *terminal, double *gains, double *norms) {
-  double columns[NX * (NX + NU)], work[LINEARISATION_W + 1];
-  for (long long row = 0; row < rows; ++row) {
-    state_matrix p;
-    for (int i = 0; i < NX * NX; ++i) (&p[0][0])[i] = terminal[row * NX * NX + i];
-    for (long long k = steps[row] - 1; k >= 0; --k) {
-      const long long at = row * length + k, input = row * (length - 1) + k;
-      const double *arguments[] = {states + at * NX, controls + input * NU, contexts + row * context, &dt};
-      double *results[] = {columns};
-      linearisation(arguments, results, 0, work, 0);
-      backwards(columns, q, r + input * NU, p, (double(*)[NX])(gains + at * NU * NX),
-                (double(*)[NU])(norms + at * NU * NU));
-    }
   }
 }

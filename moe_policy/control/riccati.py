@@ -1,8 +1,4 @@
-"""The Riccati recursion along plans: compiled where there is a C compiler, else with NumPy for all plans at once.
-
-Of one plan, Python takes some twenty microseconds for each control step, ten times as long as the arithmetic. The
-program ``riccati.c`` does the same for one plan after another.
-"""
+"""The Riccati recursion along plans with NumPy, for all plans at once."""
 
 from __future__ import annotations
 
@@ -11,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ocp_envs.support.arrays import Array, Ints, address
+from ocp_envs.support.arrays import Array, Ints
 
 #: The recursion linearises at most this many different numbers of plans, and about so many control steps of all plans
 #: at once, or those of one step.
@@ -37,29 +33,6 @@ class References(NamedTuple):
 
 #: (x (B, nx), u (B, nu), s (B, nc)) → A (B, nx, nx), B (B, nx, nu).
 Linearise = Callable[[Array, Array, Array], tuple[Array, Array]]
-
-
-def run_compiled(program: Callable[..., None], plans: References, dt: float, gains: Array, norms: Array) -> None:
-    """The recursion of ``plans`` with control steps of ``dt`` seconds by the compiled ``program``,
-    the function ``along`` of ``riccati.c``.
-
-    It writes ``gains`` K (B, T+1, nu, nx) and ``norms`` H (B, T+1, nu, nu) of the control steps within the plans.
-    """
-    rows, length = plans.states.shape[:2]
-    # Named, so that they live until the program returns.
-    steps = np.ascontiguousarray(plans.steps, dtype=np.int64)
-    inputs = [np.ascontiguousarray(each) for each in (plans.states, plans.controls, plans.contexts)]
-    weights = [np.ascontiguousarray(each) for each in (plans.q, plans.r, plans.terminal)]
-    context = plans.contexts.shape[1]
-    program(
-        rows,
-        length,
-        *map(address, (steps, *inputs)),
-        context,
-        dt,
-        *map(address, weights),
-        *map(address, (gains, norms)),
-    )
 
 
 def run(linearise: Linearise, plans: References, gains: Array, norms: Array) -> None:

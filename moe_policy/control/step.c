@@ -14,7 +14,7 @@ Before this file stand the macros NX, NU and NC. Matrices are stored by rows. */
 typedef struct { const double *period, *lower, *upper; } boxes;
 /* References (rows, length, NX), feed-forward (rows, length, NU), gains (rows, length, NU, NX) and norms (rows, length,
 NU, NU); the last of length control steps is that of terminal regulation. */
-typedef struct { const double *references, *controls, *gains, *norms; } tracked;
+typedef struct { double *references, *controls, *gains, *norms; } tracked;
 
 static double difference(double x, double y, double period) {
   const double d = x - y;

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from moe_policy.control.export import write
+from moe_policy.control.following import Following
 from moe_policy.control.lqr import Regulator
 from moe_policy.control.observations import split
 from moe_policy.control.policy import ModelPolicy
-from moe_policy.control.resampling import Resampler
-from moe_policy.control.step import ControlStep, Tracking, padded
+from moe_policy.control.step import ControlStep, Tracking
 from moe_policy.control.watch import Watched
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.planners.owner import plans_of
@@ -32,9 +32,6 @@ from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
-
-#: A duration may lie outside its bounds by this fraction of the longest one, from rounding.
-ROUNDING = 1e-6
 
 
 class TrackingPolicy(ModelPolicy):
@@ -67,7 +64,7 @@ class TrackingPolicy(ModelPolicy):
         self.problem, self.planner = problem, planner
         self.regulator = Regulator(problem, dt, weights)
         self.dt = self.regulator.dt
-        self._resample = Resampler(problem, self.dt)
+        self._following = Following(self.regulator)
         self._step = ControlStep(problem, self.regulator.substeps)
 
     @checked
@@ -85,55 +82,7 @@ class TrackingPolicy(ModelPolicy):
 
     def follow(self, plan: Trajectory, contexts: Array) -> Tracking:
         """The recurrent state before the first control step of the B plans in ``plan``, in ``contexts`` (B, nc)."""
-        self._check(plan, len(contexts))
-        problem, rejected = self.problem, ~plan.finite
-        margin, (shortest, longest) = ROUNDING * problem.longest, problem.durations(contexts).T
-        clipped = ~rejected & ((plan.duration < shortest - margin) | (plan.duration > longest + margin))
-        plan = self._into_boxes(plan, contexts, rejected)
-        reference = self._resample(plan, contexts)
-        # Between wild knots the interpolation overshoots, out of the box and into singularities of the dynamics.
-        box = problem.system.state
-        states = np.clip(reference.states, box.lower, box.upper)
-        gains, norms = self.regulator.along(states, reference.controls, contexts, reference.steps)
-        rejected |= ~np.isfinite(gains).all(axis=(1, 2, 3))
-        steps = np.where(rejected, 0, reference.steps)
-
-        after = np.arange(gains.shape[1]) >= steps[:, None]
-        controls = padded(reference.controls, gains.shape[1])
-        ends, held = problem.terminal.states(contexts), problem.terminal.controls(contexts)
-        states, controls = (
-            np.where(after[..., None], ends[:, None], states),
-            np.where(after[..., None], held[:, None], controls),
-        )
-        if rejected.any():
-            at_goal = self.regulator.at_goal(contexts[rejected])
-            gains[rejected], norms[rejected] = at_goal.gain[:, None], at_goal.norm[:, None]
-        plan_end = steps * self.dt
-        knot_step = np.where(rejected, np.nan, plan.step)
-        schedule = Schedule(plan_end, plan_end + problem.hold, knot_step, clipped & ~rejected, rejected)
-        return Tracking(states, controls, gains, norms, np.zeros(len(plan), np.int64), schedule)
-
-    def _check(self, plan: Trajectory, size: int) -> None:
-        expected = (size, self.problem.system.nx, self.problem.system.nu)
-        got = (len(plan), plan.states.shape[2], plan.controls.shape[2])
-        if got != expected:
-            wanted = f"{expected[0]} plans of {expected[1]} states and {expected[2]} controls"
-            raise ValueError(
-                f"{self.problem.id}: the planner must return {wanted}, got {got[0]} of {got[1]} and {got[2]}"
-            )
-
-    def _into_boxes(self, plan: Trajectory, contexts: Array, rejected: Bools) -> Trajectory:
-        """The plans clipped to the boxes of the problem; rejected ones replaced by the shortest stay at the goal."""
-        problem, terminal = self.problem, self.problem.terminal
-        row, (shortest, longest) = rejected[:, None, None], problem.durations(contexts).T
-        states = np.where(row, terminal.states(contexts)[:, None], plan.states)
-        controls = np.where(row, terminal.controls(contexts)[:, None], plan.controls)
-        duration = np.where(rejected, shortest, plan.duration)
-        return Trajectory(
-            np.clip(states, problem.system.state.lower, problem.system.state.upper),
-            np.clip(controls, problem.system.control.lower, problem.system.control.upper),
-            np.clip(duration, shortest, longest),
-        )
+        return self._following(plan, contexts)
 
     def schedule(self, state: State) -> Schedule:
         """When the plans of a recurrent ``state`` of this policy or of its ``predict`` end and are evaluated."""
@@ -171,7 +120,7 @@ class TrackingPolicy(ModelPolicy):
             TypeError: the planner is no :class:`~moe_policy.planners.network.NetworkPlanner`.
             ValueError: a name that is no identifier, or a goal that is not one state for all instances.
         """
-        return write(self, Path(folder), name, ROUNDING * self.problem.longest)
+        return write(self, Path(folder), name)
 
     def __repr__(self) -> str:
         return f"TrackingPolicy({self.problem.id!r}, {self.planner!r}, dt={self.dt})"
