@@ -95,14 +95,23 @@ def test_all_code_is_python():
             ast.parse(code)
 
 
-def test_marked_code_runs(tmp_path):
-    """In order, in one namespace, in an empty folder; line numbers of errors are those of README."""
+def _marked(text):
+    """The code that is marked to run; line numbers are those of the page."""
     source = ""
-    for block in PYTHON.finditer(README):
+    for block in PYTHON.finditer(text):
         if block[1]:
-            line = README.count("\n", 0, block.start(2))
+            line = text.count("\n", 0, block.start(2))
             source += "\n" * (line - source.count("\n")) + block[2]
-    assert source, "README has no block ```python after a line <!-- run -->"
+    return source
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", *(page for page in TEXTS if page != "README.md" and _marked(TEXTS[page]))]
+)
+def test_marked_code_runs(page, tmp_path):
+    """In order, in one namespace, in an empty folder; line numbers of errors are those of the page."""
+    source = _marked(TEXTS[page])
+    assert source, f"{page} has no block ```python after a line <!-- run -->"
     environment = os.environ | {"MPLBACKEND": "Agg", "OMP_NUM_THREADS": "1"}
     result = subprocess.run(
         [sys.executable, "-c", source], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=300
