@@ -517,12 +517,15 @@ def test_benchmark_env(script, run, monkeypatch, tmp_path):
 
 
 @shipped
-def test_benchmark_rollout(script, run, tmp_path):
-    arguments = ("--episodes", 4, "--single", 1, "--repeats", 1, "--results", tmp_path)
+def test_benchmark_rollout(script, run, monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *arguments: None, raising=False)
+    arguments = ("--episodes", 5, "--batch", 2, "--single", 1, "--repeats", 1, "--results", tmp_path)
     run(script("benchmark_rollout"), *arguments)
     record = read(tmp_path / f"benchmark_rollout_{PENDULUM.id}.json")
     assert record["same_successes"]
     assert record["ratio"] > 0
+    assert record["environments"] == 2
+    assert 0 < record["peak_memory_gb"] < 100
 
 
 @shipped
@@ -536,6 +539,17 @@ def test_benchmark_export(script, run, monkeypatch, tmp_path):
     assert row["control_difference"] < 1e-9
     assert row["plan_difference"] < 1e-4
     assert row["in_c"]["regulators"] > 0
+
+
+def test_benchmark_training(script, run, monkeypatch, tmp_path):
+    module = script("benchmark_training")
+    monkeypatch.setattr(module.ocp_envs, "names", lambda: (PENDULUM.id,))
+    monkeypatch.setattr(module, "WorkerPool", OneThread)
+    run(module, "--samples", 100, "--epochs", 1, "--results", tmp_path)
+    (row,) = read(tmp_path / "benchmark_training.json")["rows"]
+    assert row["samples_per_second"] > 0
+    assert sum(row["fraction"].values()) == pytest.approx(1.0)
+    assert list(row["ratio"]) == ["two threads", "two processes"]
 
 
 def test_benchmark_peers(script, run, monkeypatch, tmp_path):

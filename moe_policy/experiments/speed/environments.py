@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 
 from moe_policy.control.tracking import TrackingPolicy
-from moe_policy.experiments.records import Record, renamed
+from moe_policy.experiments.records import ABSENT, Absent, Record, renamed
 from moe_policy.protocols import Planner
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.control_step import runge_kutta_steps
@@ -215,7 +216,7 @@ def substeps_of(problem: OptimalControlProblem, num_envs: int, repetitions: int 
 
 @dataclass(frozen=True, kw_only=True)
 class Batched(Record):
-    """Seconds of a batched rollout: of all plans, of the gains along them, and of the whole."""
+    """Seconds of batched rollouts: of all plans, of the gains along them, and of the whole."""
 
     planning: float
     tracking_setup: float
@@ -226,7 +227,8 @@ class Batched(Record):
 class RolloutSpeed(Record):
     """Batched rollouts of one planner against episodes one by one: medians over ``repeats`` interleaved runs.
 
-    ``ratio``: time of an episode alone / its time in the batch.
+    Episodes run in batches of as many as there are ``environments``. ``ratio``: time of an episode alone / its time in
+    a batch. ``peak_memory_gb`` is that of the whole process.
     """
 
     env_id: str
@@ -242,24 +244,35 @@ class RolloutSpeed(Record):
     single_seconds_per_episode: float
     ratio: float
     same_successes: bool
+    environments: int | Absent = ABSENT
+    peak_memory_gb: float | Absent = ABSENT
     provenance: Provenance
 
 
-def batched(problem: OptimalControlProblem, planner: Planner, p: Array) -> tuple[Batched, Bools]:
-    """Times of a batched rollout from ``p`` (B, np), and its successes (B,)."""
+def batched(problem: OptimalControlProblem, planner: Planner, p: Array, environments: int) -> tuple[Batched, Bools]:
+    """Times of rollouts from ``p`` (B, np) in batches of as many as there are ``environments``, and successes (B,)."""
+    policy, parts = TrackingPolicy(problem, planner, DT), range(0, len(p), environments)
     began = time.perf_counter()
-    planner(p)
+    for first in parts:
+        planner(p[first : first + environments])
     planned = time.perf_counter()
-    policy = TrackingPolicy(problem, planner, DT)
-    policy.start(p)
+    for first in parts:
+        policy.start(p[first : first + environments])
     started = time.perf_counter()
-    envs = gym.make_vec(problem.id, num_envs=len(p), dt=DT, terminate_at_goal=False, autoreset_mode="Disabled")
+    envs = gym.make_vec(problem.id, num_envs=environments, dt=DT, terminate_at_goal=False, autoreset_mode="Disabled")
     whole = time.perf_counter()
-    episodes = rollout(envs, TrackingPolicy(problem, planner, DT), p)
+    episodes = rollout(envs, policy, p)
     ended = time.perf_counter()
     planning = planned - began
     times = Batched(planning=planning, tracking_setup=started - planned - planning, whole=ended - whole)
     return times, episodes.success
+
+
+def peak_memory_gb() -> float:
+    """The largest memory that this process has had so far, GB."""
+    import resource  # not on Windows
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e9
 
 
 def one_by_one(problem: OptimalControlProblem, planner: Planner, p: Array) -> tuple[float, Bools]:
