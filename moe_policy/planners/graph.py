@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 
+from moe_policy.planners.arrays import PlannerArrays
 from moe_policy.planners.modules import MixtureModule, Module, module_of
 
 if TYPE_CHECKING:
@@ -27,41 +27,29 @@ class PlannerModule(nn.Module):
     low: Tensor
     period: Tensor
     into_plan: Tensor
-    inputs_mean: Tensor
-    inputs_std: Tensor
-    outputs_mean: Tensor
-    outputs_std: Tensor
+    input_mean: Tensor
+    input_std: Tensor
+    output_mean: Tensor
+    output_std: Tensor
+
+    _BUFFERS = ("first", "end", "low", "period", "into_plan", "input_mean", "input_std", "output_mean", "output_std")
 
     def __init__(self, planner: NetworkPlanner) -> None:
         super().__init__()
         self.network, self.mixing = module_of(planner.network), planner.mixing
-        problem, (periods, first, end) = planner.problem, planner.problem.parametrisation.turn
-        in_state, slots, _ = problem.parametrisation.slots
-        knots = np.arange(problem.knots)[:, None] * problem.system.nx
-        into_plan = np.zeros((len(problem.parameters), problem.flat_size))
-        for component, slot in zip(in_state, slots):
-            into_plan[component, knots + slot] = 1.0
-        self.periodic = bool(periods.any())
-        for name, value in {
-            "first": first,
-            "end": end,
-            "low": problem.parameters.centre - periods / 2,
-            "period": np.where(periods > 0, periods, 1.0),
-            "into_plan": into_plan,
-            "inputs_mean": planner.inputs.mean,
-            "inputs_std": planner.inputs.std,
-            "outputs_mean": planner.outputs.mean,
-            "outputs_std": planner.outputs.std,
-        }.items():
+        arrays = PlannerArrays.of(planner)
+        self.periodic = bool(arrays.periodic.any())
+        for name in self._BUFFERS:
+            value = getattr(arrays, name)
             self.register_buffer(name, torch.tensor(value, dtype=torch.float64))
 
     def forward(self, p: Tensor) -> Tensor:
         """Plans (B, flat_size) in double precision of parameters ``p`` (B, np), which are not checked."""
         p = p.double()
         within = self._in_one_turn(p) if self.periodic else p
-        x = (within - self.inputs_mean) / self.inputs_std
+        x = (within - self.input_mean) / self.input_std
         z = self._predicted(x.to(next(self.network.parameters()).dtype)).double()
-        z = z * self.outputs_std + self.outputs_mean
+        z = z * self.output_std + self.output_mean
         return z + (p - within) @ self.into_plan if self.periodic else z
 
     def _predicted(self, x: Tensor) -> Tensor:

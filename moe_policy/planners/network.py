@@ -35,6 +35,7 @@ from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    import casadi as ca
     from torch.nn import Module
 
 #: What the names of a network's tensors begin with in a file.
@@ -142,6 +143,32 @@ class NetworkPlanner:
         from moe_policy.planners.graph import PlannerModule  # plans need no PyTorch
 
         return PlannerModule(self).eval()
+
+    def to_onnx(self, path: str | os.PathLike[str]) -> None:
+        """Write this planner as an ONNX graph, for runtimes without Python; it needs the package ``onnx``.
+
+        The input ``p`` is (batch, np) in double precision, in any turn and of any batch size; the outputs are ``plan``,
+        the flat layout (batch, flat_size), and ``expert``, the index (batch,) of the expert with the largest logit, 0
+        for a single network. All experts are evaluated. The model's metadata name the problem and the layout.
+
+        Args:
+            path: the file, such as ``"planner.onnx"``.
+
+        Raises:
+            ImportError: the package is not installed.
+        """
+        from moe_policy.planners.onnx_graph import write_onnx  # most programs export nothing
+
+        write_onnx(self, path)
+
+    def to_casadi(self) -> ca.Function:
+        """This planner as a CasADi function p (np,) → plan (flat_size,), expert, in double precision.
+
+        It can be differentiated; its derivative is that of the chosen expert where the gate chooses by argmax.
+        """
+        from moe_policy.planners.casadi_graph import casadi_function
+
+        return casadi_function(self)
 
     @property
     def parameters_total(self) -> int:
