@@ -1,3 +1,6 @@
+from ocp_envs.data.checkup import Checkup as Checkup
+from ocp_envs.data.checkup import Finding as Finding
+from ocp_envs.data.checkup import check as check
 from ocp_envs.data.database import Database as Database
 from ocp_envs.data.generation import generate as generate
 from ocp_envs.data.layout import StoredRows as StoredRows

@@ -90,6 +90,7 @@ CALLS: dict[str, dict[str, Callable[[], Any]]] = {
         "parameter": lambda: "radius",
         "margin": lambda: 0.1,
     },
+    "check": {"instances": lambda: 1},
     "cluster": {"method": lambda: "custom"},
     "compare": {"clusters": lambda: [2], "test": lambda: 2, "development": lambda: 2, "repaired": lambda: False},
     "disc": {"center": lambda: np.zeros(3), "radius": lambda: 1.0},

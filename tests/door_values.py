@@ -103,6 +103,10 @@ def solutions() -> ocp_envs.Solutions:
     return ocp_envs.Solutions.empty(PENDULUM, 2)
 
 
+def optima() -> ocp_envs.Optima:
+    return ocp_envs.Optima(PENDULUM, [ocp_envs.Solution(P[0], solutions(), Status.EMPTY)])
+
+
 @cache
 def checked_plans() -> moe_policy.CheckedPlans:
     return moe_policy.Checked(planner(), repair=moe_policy.Repair(rounds=0)).check(P)
@@ -140,7 +144,9 @@ VALUES: dict[str, Callable[[], Any]] = {
     "Box": lambda: PENDULUM.parameters,
     "Coordinate": lambda: ocp_envs.Coordinate("x", -1.0, 1.0, "m", 1.0, None),
     "CheckedPlans": checked_plans,
+    "Checkup": lambda: ocp_envs.Checkup(PENDULUM, [ocp_envs.Finding("goal", "well", "held")], optima()),
     "Comparison": comparison,
+    "Finding": lambda: ocp_envs.Finding("goal", "well", "held"),
     "CostRatio": lambda: moe_policy.CostRatio(1.1, 3),
     "EnvOptions": lambda: ocp_envs.EnvOptions(PENDULUM),
     "Episodes": episodes,
@@ -160,7 +166,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "MixtureOfExperts": lambda: planner().network,
     "Modes": lambda: PENDULUM.modes,
     "NetworkPlanner": planner,
-    "Optima": lambda: ocp_envs.Optima(PENDULUM, [ocp_envs.Solution(P[0], solutions(), Status.EMPTY)]),
+    "Optima": optima,
     "OptimalControlProblem": lambda: DOUBLE_INTEGRATOR,
     "Parametrisation": lambda: ocp_envs.Parametrisation("a", PENDULUM.parameters, PENDULUM.system.state, np.zeros(2)),
     "PartReport": part,

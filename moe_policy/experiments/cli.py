@@ -27,8 +27,9 @@ from moe_policy.experiments.running import option as option
 from moe_policy.experiments.running import run as run
 from moe_policy.store import SHIPPED
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.problems import UnknownProblemError
+from ocp_envs.problems import BENCHMARK, UnknownProblemError
 from ocp_envs.support.pool import import_in_workers
+from ocp_envs.support.suggestions import did_you_mean
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Folders of the databases, of a user's results, and of the committed records.
@@ -86,7 +87,7 @@ def parser(
     made = Parser(description=doc, epilog=folders, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.outputs = tuple(name for name, there in (("results", results), ("models", models)) if there)
     if env is not None:
-        known = f"{', '.join(ocp_envs.names())}, or MODULE:ID of a module that registers yours; default {env}"
+        known = f"{', '.join(ocp_envs.names())}, or MODULE:PROBLEM, a variable or the id of yours; default {env}"
         made.add_argument("--env", dest="problem", metavar="ID", type=problem_of, default=env, help=known)
     if data:
         made.add_argument("--data", metavar="FOLDER", type=Path, default=DATA, help="databases; data/ by default")
@@ -106,20 +107,41 @@ def parser(
 
 
 def problem_of(name: str) -> OptimalControlProblem:
-    """The problem called ``name``, as in Gymnasium after the import of a module where it is ``"module:id"``.
+    """The problem called ``name``, or ``"module:PROBLEM"``, a variable of a module or the id of what it registers.
 
-    A module in the working directory is found; worker processes import it, too. The parser turns an error into one that
-    suggests the nearest name.
+    A module in the working directory is found; worker processes import it, too. A problem that is not registered yet is
+    registered. The parser turns an error into one that suggests the nearest name.
     """
     module, _, own = name.rpartition(":")
     try:
-        if module:
-            sys.path.append(os.getcwd())
-            importlib.import_module(module)
-            import_in_workers(module)
-        return ocp_envs.load(own)
-    except (UnknownProblemError, ImportError) as error:
+        found = _of_module(module, own) if module else ocp_envs.load(own)
+    except (UnknownProblemError, ImportError, ValueError) as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+    _GIVEN[found.id] = name
+    return found
+
+
+#: How problems were named on the command line, by their ids.
+_GIVEN: dict[str, str] = {}
+
+
+def _of_module(module: str, own: str) -> OptimalControlProblem:
+    """The problem ``own`` of ``module``, registered."""
+    sys.path.append(os.getcwd())
+    variables = vars(importlib.import_module(module))
+    import_in_workers(module)
+    problem = variables.get(own)
+    if isinstance(problem, OptimalControlProblem):
+        ocp_envs.register(problem)
+        return problem
+    if own in ocp_envs.names():
+        return ocp_envs.load(own)
+    there = sorted(name for name, value in variables.items() if isinstance(value, OptimalControlProblem))
+    ids = [each for each in ocp_envs.names() if each not in {problem.id for problem in BENCHMARK}]
+    raise UnknownProblemError(
+        f"{module} has no problem {own!r}; {did_you_mean(own, [*there, *ids])}it has the variables {there}, and "
+        f"registered are {ids}"
+    )
 
 
 def positive(text: str) -> int:
@@ -180,8 +202,9 @@ def database(arguments: argparse.Namespace, name: str) -> ocp_envs.Database:
     """
     path = arguments.data / arguments.problem.id / f"{name}.zarr"
     if not path.exists():
+        given = _GIVEN.get(arguments.problem.id, arguments.problem.id)
         folder = "" if arguments.data == DATA else f" --data {arguments.data}"
-        command = f"python scripts/generate_data.py --env {arguments.problem.id} --splits {name}{folder}"
+        command = f"python scripts/generate_data.py --env {given} --splits {name}{folder}"
         raise SystemExit(f"there is no database {path}; make it with: {command}")
     return ocp_envs.Database.open(path, arguments.problem)
 

@@ -51,7 +51,7 @@ def compare(
     problem: ProblemOrId,
     database: Samples | SampleSource,
     *,
-    clusters: Sequence[int] = CLUSTERS,
+    clusters: Sequence[int] | None = None,
     settings: TrainingSettings = DEFAULT,
     development: int = 200,
     test: int = 500,
@@ -68,8 +68,8 @@ def compare(
     Args:
         problem: the problem.
         database: what planners learn from: a Database, its samples, or the result of :func:`ocp_envs.solve_many`.
-        clusters: numbers k of clusters that are compared; those with a cluster too small to learn from are left out.
-            Small solution families are joined with others.
+        clusters: numbers k of clusters of k-means that are compared, by default 2, 4, 8 and 16. Those with a cluster
+            too small to learn from are left out; small solution families are joined with others.
         settings: how networks are trained.
         development: number of instances on which the number of experts is chosen.
         test: number of instances on which planners are compared.
@@ -86,6 +86,7 @@ def compare(
         raise ValueError(f"the database belongs to {samples.problem.id}, not to {problem.id}")
     for name, count in {"development": development, "test": test}.items():
         check_whole(name, count, 1, 10**6)
+    clusters = [k for k in CLUSTERS if k <= len(samples)] if clusters is None else clusters
     for k in clusters:
         check_whole("each of clusters", k, 2, len(samples))
     chosen_on = _fresh(problem, samples, _DEVELOPMENT + seed, development)

@@ -89,12 +89,17 @@ def names() -> list[str]:
 
 
 @checked
-def register(problem: OptimalControlProblem) -> None:
+def register(problem: OptimalControlProblem, *, replace: bool = False) -> None:
     """Make ``problem`` known to :func:`load`, ``gymnasium.make`` and ``gymnasium.make_vec`` under its id.
 
     Registering the same object again changes nothing. A process that starts anew ("spawn") does not know the problem
     by its id, but gets it with the specification: make environments there with ``gymnasium.make(spec)``, where
     ``spec = gymnasium.spec(problem.id)``. Gymnasium's asynchronous vector environments do so by themselves.
+
+    Args:
+        problem: the problem.
+        replace: take the place of another problem of that id, such as an earlier version in a notebook. Environments
+            and databases that were made of the earlier one keep it. A problem of the benchmark is never replaced.
 
     Raises:
         ValueError: another problem, or another package's environment, already has that id.
@@ -102,8 +107,11 @@ def register(problem: OptimalControlProblem) -> None:
     entry_point = "ocp_envs.envs.env:Env"
     if problem.id in gym.registry and gym.registry[problem.id].entry_point != entry_point:
         raise ValueError(f"Gymnasium already has an environment {problem.id!r}; give your problem another id")
-    if _catalogue.setdefault(problem.id, problem) is not problem:
-        raise ValueError(f"a problem called {problem.id!r} is already registered; give yours another id")
+    known = _catalogue.get(problem.id, problem)
+    if known is not problem and (known in BENCHMARK or not replace):
+        cure = "" if known in BENCHMARK else ", or replace=True in place of the earlier one"
+        raise ValueError(f"a problem called {problem.id!r} is already registered; give yours another id{cure}")
+    _catalogue[problem.id] = problem
     if problem.id not in gym.registry:
         gym.register(
             id=problem.id,

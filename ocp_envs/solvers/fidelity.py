@@ -82,8 +82,8 @@ class Fidelity:
         for i in np.flatnonzero(depth > DEPTH_TOLERANCE * self.range):
             entered = int((self.depth[:, i] > DEPTH_TOLERANCE * self.range[i]).sum())
             found.append(
-                f"between the knots, where constraints are not checked, {entered} of {len(self.depth)} solutions enter "
-                f"clearance {i} by up to {depth[i]:.2g} (its unit); raise knots, or subtract a margin"
+                f"between the points at which plans keep constraints, {entered} of {len(self.depth)} solutions enter "
+                f"clearance {i} by up to {depth[i]:.2g} (its unit); raise clearance_points, or subtract a margin"
             )
         return found
 

@@ -121,6 +121,7 @@ def test_a_missing_database_is_told_with_the_command_that_makes_it(parse, tmp_pa
 OWN = """
 import dataclasses, ocp_envs
 ocp_envs.register(dataclasses.replace(ocp_envs.load("PendulumSwingup-v0"), id="OwnPendulum-v0"))
+OTHER = dataclasses.replace(ocp_envs.load("PendulumSwingup-v0"), id="OtherPendulum-v0")
 """
 
 
@@ -135,14 +136,28 @@ def own(monkeypatch, tmp_path):
     yield "own_problem"
     sys.modules.pop("own_problem", None)
     gymnasium.registry.pop("OwnPendulum-v0", None)
+    gymnasium.registry.pop("OtherPendulum-v0", None)
 
 
 def test_a_problem_of_the_user_comes_from_the_module_that_registers_it(own, parse):
     assert parse("--env", f"{own}:OwnPendulum-v0").problem.id == "OwnPendulum-v0"
 
 
+def test_a_problem_of_the_user_may_be_a_variable_that_is_registered_then(own, parse, tmp_path):
+    arguments = parse("--env", f"{own}:OTHER", "--data", tmp_path, data=True)
+    assert arguments.problem is sys.modules[own].OTHER
+    assert problems.load("OtherPendulum-v0") is arguments.problem
+    with pytest.raises(SystemExit, match=rf"generate_data.py --env {own}:OTHER --splits training"):
+        cli.database(arguments, "training")
+
+
 @pytest.mark.parametrize(
-    ("name", "words"), [("{}:OwnPendulm-v0", "did you mean 'OwnPendulum-v0'?"), ("nothing:X-v0", "No module named")]
+    ("name", "words"),
+    [
+        ("{}:OwnPendulm-v0", "did you mean 'OwnPendulum-v0'?"),
+        ("{}:OTHR", "did you mean 'OTHER'?"),
+        ("nothing:X-v0", "No module named"),
+    ],
 )
 def test_a_module_or_problem_that_is_not_there_is_one_line(name, words, own, parse, capsys):
     with pytest.raises(SystemExit):

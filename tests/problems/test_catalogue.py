@@ -85,3 +85,18 @@ def test_stable_baselines_in_new_processes_gets_a_registered_problem_with_its_sp
         assert envs.reset().shape == (2, 2)
     finally:
         envs.close()
+
+
+def test_a_later_version_takes_the_place_of_an_earlier_one_where_it_is_asked_to(problem):
+    later = dataclasses.replace(problem, hold=1.0)
+    with pytest.raises(ValueError, match=r"already registered; give yours another id, or replace=True"):
+        ocp_envs.register(later)
+    ocp_envs.register(later, replace=True)
+    assert ocp_envs.load(ID) is later
+    assert gym.make(ID).unwrapped.problem is later
+
+
+def test_a_problem_of_the_benchmark_keeps_its_place():
+    with pytest.raises(ValueError, match=r"is already registered; give yours another id$"):
+        ocp_envs.register(dataclasses.replace(PENDULUM, hold=1.0), replace=True)
+    ocp_envs.register(PENDULUM, replace=True)

@@ -19,12 +19,14 @@ def test_the_example_is_short_and_stands_in_readme():
     assert shown == [code]
 
 
-#: The example, with two guesses to every winding instead of the usual number.
+#: The example, with two guesses to every winding and few episodes instead of the usual numbers.
 HASTY = """
 import functools, runpy, sys
-import ocp_envs
+import moe_policy, ocp_envs
 from ocp_envs.data.settings import GenerationSettings
 ocp_envs.generate = functools.partial(ocp_envs.generate, settings=GenerationSettings(starts=2))
+few = dict(clusters=(2,), development=20, test=50)
+moe_policy.compare = functools.partial(moe_policy.compare, **few)
 runpy.run_path(sys.argv.pop(1), run_name="__main__")
 """
 
@@ -42,6 +44,6 @@ def test_the_example_runs_from_declaration_to_rollouts(tmp_path):
         timeout=300,
     )
     assert done.returncode == 0, done.stderr
-    found = dict(re.findall(r"\| (\S+) +\| \d+ of 500 +\| (\d+) of 500", done.stdout))
+    found = dict(re.findall(r"\| (\S+) +\| \d+ of 50 +\| (\d+) of 50", done.stdout))
     assert {"optimal", "snn", "moe-custom"} <= set(found)
-    assert int(found["optimal"]) > 490
+    assert int(found["optimal"]) > 48

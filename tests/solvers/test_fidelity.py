@@ -57,7 +57,7 @@ def test_the_depth_between_knots_is_measured():
     found = fidelity(WALLED_INTEGRATOR, np.array([[2.1, 0.0]]), trajectory)
     assert found.largest_depth == pytest.approx(0.08)
     assert "1 of 1 solutions enter clearance 0 by up to" in found.faults[0]
-    with pytest.warns(UserWarning, match="WalledIntegrator-v0: between the knots"):
+    with pytest.warns(UserWarning, match="WalledIntegrator-v0: between the points"):
         found.warn(0)
 
 
