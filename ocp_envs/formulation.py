@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 
 from ocp_envs.expressions import Names, called, column, scalar
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Expression, rk4_step
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 class Formulation:
     """The functions of ``problem``. Those that fail, or return something else, raise a ``ValueError``."""
 
+    @checked
     def __init__(self, problem: OptimalControlProblem) -> None:
         self._problem = problem
         self._read: set[str] = set()
@@ -81,7 +83,9 @@ class Formulation:
         return self._column("clearance", self._problem.clearance, signature, x, (ca.vertsplit(x), context, constants))
 
     def between(self, x: Expression, u: Expression, s: Expression, h: Expression) -> Expression:
-        """h inside an interval of ``h`` seconds that begins at ``x`` with the control ``u``, (nh · (points − 1), 1).
+        """The path constraints inside an interval of ``h`` seconds, (nh · (points − 1), 1), in the context ``s``.
+
+        It begins at ``x`` and has the control ``u``.
 
         The points are those of ``problem.clearance_points``, each reached from the knot by Runge-Kutta steps of about
         the length that the interval has.

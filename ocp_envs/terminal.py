@@ -21,6 +21,7 @@ from ocp_envs.expressions import called, column
 from ocp_envs.goal import Goal, sides
 from ocp_envs.support.arrays import Array, Bools, frozen_array
 from ocp_envs.support.batch import BatchFunction, dense_function
+from ocp_envs.support.doors import checked
 from ocp_envs.system import Expression, wrap
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ class TerminalSet:
         ValueError: functions that fail or return something else, or sides in the wrong order.
     """
 
+    @checked
     def __init__(self, problem: OptimalControlProblem) -> None:
         self.goal: Goal = problem.goal
         self._id, self._system = problem.id, problem.system

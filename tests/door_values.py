@@ -135,6 +135,14 @@ def learned() -> moe_policy.LearnedPolicy:
     return moe_policy.LearnedPolicy(PENDULUM, actor(), period=0.1)
 
 
+def _in_the_right_half(p: Any) -> Any:
+    return p[:, 0] > 0
+
+
+def _in_the_middle(rng: np.random.Generator) -> Any:
+    return [0.0, 0.0]
+
+
 #: A value of each dataclass whose fields depend on each other.
 VALUES: dict[str, Callable[[], Any]] = {
     "Actor": actor,
@@ -142,6 +150,8 @@ VALUES: dict[str, Callable[[], Any]] = {
     "Ball": lambda: ocp_envs.Ball([0.0, 0.0], 1.0),
     "Blocked": lambda: QUADCOPTER_OBSTACLE.distribution,
     "Box": lambda: PENDULUM.parameters,
+    "Between": lambda: ocp_envs.Between(0.0, 1.0),
+    "Conditioned": lambda: ocp_envs.Conditioned(_in_the_right_half),
     "Coordinate": lambda: ocp_envs.Coordinate("x", -1.0, 1.0, "m", 1.0, None),
     "CheckedPlans": checked_plans,
     "Checkup": lambda: ocp_envs.Checkup(PENDULUM, [ocp_envs.Finding("goal", "well", "held")], optima()),
@@ -166,6 +176,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "MixtureOfExperts": lambda: planner().network,
     "Modes": lambda: PENDULUM.modes,
     "NetworkPlanner": planner,
+    "Normal": lambda: ocp_envs.Normal([0.0, 0.0], [1.0, 1.0]),
     "Optima": optima,
     "OptimalControlProblem": lambda: DOUBLE_INTEGRATOR,
     "Parametrisation": lambda: ocp_envs.Parametrisation("a", PENDULUM.parameters, PENDULUM.system.state, np.zeros(2)),
@@ -176,6 +187,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "ReferenceSet": lambda: ocp_envs.ReferenceSet(P, np.ones((2, 3))),
     "Refinement": lambda: ocp_envs.Refinement(finished(), np.ones((1, 1)), np.ones((1, 1))),
     "SACSettings": sac,
+    "Sampler": lambda: ocp_envs.Sampler(_in_the_middle),
     "Samples": lambda: SAMPLES,
     "Schedule": lambda: policy().start(P).schedule,
     "SingleNetwork": lambda: planner().network.gate,
@@ -186,6 +198,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "StoredRows": lambda: database().stored(slice(0, 2)),
     "Symmetry": lambda: PENDULUM.symmetry or ocp_envs.Symmetry("turn", np.eye(2), np.eye(1), np.eye(0)),
     "System": lambda: PENDULUM.system,
+    "Table": lambda: ocp_envs.Table(P),
     "Tracking": lambda: policy().start(P),
     "TrackingWeights": lambda: moe_policy.TrackingWeights.default(PENDULUM),
     "TrainingReport": lambda: moe_policy.TrainingReport((part(),), 0.5),

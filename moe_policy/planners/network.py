@@ -144,6 +144,7 @@ class NetworkPlanner:
 
         return PlannerModule(self).eval()
 
+    @checked
     def to_onnx(self, path: str | os.PathLike[str]) -> None:
         """Write this planner as an ONNX graph, for runtimes without Python; it needs the package ``onnx``.
 
