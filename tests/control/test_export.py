@@ -1,6 +1,9 @@
 """A policy in C does what it does in Python."""
 
 import itertools
+import re
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -137,3 +140,20 @@ def test_other_planners_than_networks_are_refused(tmp_path):
     with pytest.raises(TypeError, match="planner is a NetworkPlanner, got"):
         TrackingPolicy(QUADCOPTER, moe_policy.load(QUADCOPTER, "nearest")).to_c(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+@needs_compiler
+def test_the_program_of_the_page_compiles_and_controls(tmp_path):
+    page = (Path(__file__).resolve().parents[2] / "docs" / "deploy.md").read_text()
+    (program,) = re.findall(r"```c\n(.*?)```", page, re.DOTALL)
+    policy = TrackingPolicy(PENDULUM, moe_policy.load(PENDULUM, "moe-custom"))
+    source, main = policy.to_c(tmp_path), tmp_path / "main.c"
+    main.write_text(program)
+    warnings = ["-std=c99", "-Wall", "-Werror"]
+    subprocess.run([find_compiler(), *warnings, main, source, "-o", tmp_path / "main", "-lm"], check=True)
+    printed = subprocess.run([tmp_path / "main"], check=True, capture_output=True, text=True).stdout
+    seen, state, expected = np.array([[0.5, 0.0]]), policy.start([0.5, 0.0]), []
+    for _ in range(5):
+        control, state = policy.act(seen, state, np.zeros(1, bool))
+        expected.append(control[0, 0])
+    np.testing.assert_allclose([float(line) for line in printed.split()], expected, atol=1e-4)
