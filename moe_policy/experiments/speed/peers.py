@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryFile
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import IO, Any, cast
 
 import gymnasium as gym
@@ -90,10 +91,11 @@ def crazyflow(python: str, rows: int) -> Iterator[tuple[Sequence[Contender], Mea
         RuntimeError: it does not run; the message is the last line of its errors.
     """
     pipe = subprocess.PIPE
-    command = [python, str(_CRAZYFLOW), str(rows)]
+    command = [os.path.abspath(python), str(_CRAZYFLOW), str(rows)]  # its libraries write files where they run
     with (
+        TemporaryDirectory() as folder,
         TemporaryFile("w+") as errors,
-        subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=errors, text=True) as process,
+        subprocess.Popen(command, cwd=folder, stdin=pipe, stdout=pipe, stderr=errors, text=True) as process,
     ):
         commands, lines = cast(IO[str], process.stdin), cast(IO[str], process.stdout)
         if not (version := lines.readline().strip()):
