@@ -27,7 +27,9 @@ from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inlin
 from moe_policy.experiments.robustness import Robustness
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.environments import EnvironmentSpeed, RolloutSpeed
+from moe_policy.experiments.speed.exports import Exports
 from moe_policy.experiments.speed.generation import GenerationSpeed
+from moe_policy.experiments.speed.peers import Peers
 from moe_policy.experiments.speed.solver import SolverSpeed
 from moe_policy.experiments.splits import SplitComparison
 from ocp_envs.support.provenance import Provenance, provenance, write_json
@@ -53,7 +55,9 @@ TYPES: dict[str, type[Record]] = {
     "splits_*": HardSets,
     "training_*": LearnerTraining,
     "benchmark_env.json": EnvironmentSpeed,
+    "benchmark_export.json": Exports,
     "benchmark_generation_*": GenerationSpeed,
+    "benchmark_peers.json": Peers,
     "benchmark_planning_*": Latency,
     "benchmark_rollout_*": RolloutSpeed,
     "benchmark_solver_*": SolverSpeed,
