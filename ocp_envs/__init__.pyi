@@ -52,6 +52,7 @@ from ocp_envs.sets.reference import ReferenceSet as ReferenceSet
 from ocp_envs.sets.reference import load_reference as load_reference
 from ocp_envs.sets.sampling import grid as grid
 from ocp_envs.sets.sampling import sample as sample
+from ocp_envs.solvers.failure import Failure as Failure
 from ocp_envs.solvers.nlp import SolverSettings as SolverSettings
 from ocp_envs.solvers.nlp import Status as Status
 from ocp_envs.solvers.optimum import Solution as Solution

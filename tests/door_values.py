@@ -156,6 +156,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "CheckedPlans": checked_plans,
     "Checkup": lambda: ocp_envs.Checkup(PENDULUM, [ocp_envs.Finding("goal", "well", "held")], optima()),
     "Comparison": comparison,
+    "Failure": lambda: ocp_envs.Failure("guess", "no guess is finite", SAMPLES.trajectory[:1]),
     "Finding": lambda: ocp_envs.Finding("goal", "well", "held"),
     "CostRatio": lambda: moe_policy.CostRatio(1.1, 3),
     "EnvOptions": lambda: ocp_envs.EnvOptions(PENDULUM),

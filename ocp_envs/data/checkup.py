@@ -153,7 +153,9 @@ def _solutions(optima: Optima) -> Iterator[Finding]:
     elif failed:
         verdict: Verdict = "look" if solved else "wrong"
         text = f"{solved} of {len(optima)} instances are solved; {failed[0].parameters} ends as "
-        yield Finding("solver", verdict, f"{text}{failed[0].status.name}: {failed[0].reason}")
+        why = failed[0].failure
+        cure = f"; try {why.advice[0]}" if why and why.advice else ""
+        yield Finding("solver", verdict, f"{text}{failed[0].status.name}: {failed[0].reason}{cure}")
     else:
         yield Finding("solver", "well", f"all of {len(optima)} instances are solved")
 

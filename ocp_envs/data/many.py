@@ -17,6 +17,7 @@ from ocp_envs.data.samples import Samples
 from ocp_envs.data.worker import kept_solver
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of
+from ocp_envs.solvers.failure import Failure
 from ocp_envs.solvers.guesses import Guess, guesses_of
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.solvers.optimum import Multistart, Solution, solved_from, told_at_once
@@ -83,6 +84,11 @@ class Optima:
     def reasons(self) -> tuple[str, ...]:
         """Why each instance was not solved; "" where it was."""
         return tuple(each.reason for each in self.each)
+
+    @property
+    def failures(self) -> dict[int, Failure]:
+        """Why instances were not solved, and what to try, by their rows."""
+        return {row: each.failure for row, each in enumerate(self.each) if each.failure is not None}
 
     @property
     def mode_costs(self) -> Array:

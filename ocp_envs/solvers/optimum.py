@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of
+from ocp_envs.solvers.failure import Failure, explained, of_instance
 from ocp_envs.solvers.guesses import NEAREST_WINDING, Guess, GuessKind, bends_of, guesses, guesses_of, random_kind
 from ocp_envs.solvers.nlp import Status
-from ocp_envs.solvers.reasons import not_finite, worst_violation
 from ocp_envs.solvers.solutions import Solutions, best_per_mode
 from ocp_envs.solvers.solver import Attempts, GuardedSolver, lent_solvers
 from ocp_envs.support.arrays import Array
@@ -36,13 +36,15 @@ class Solution:
     instance in the turn around the centre of the parameter box: their windings count from there. In ``modes`` each
     solution family of the problem has a row, EMPTY where no trajectory was found. The ``status`` is SOLVED where any
     family was found, otherwise how the last solve from a line failed; then the ``reason`` says in a sentence which
-    constraint is violated, at which knot and by how much, or which function is not finite.
+    constraint is violated, at which knot and by how much, or which function is not finite. The ``failure`` says it in
+    parts: the phase, the least infeasible point, and what to try.
     """
 
     parameters: Array
     modes: Solutions
     status: Status
     reason: str = ""
+    failure: Failure | None = None
 
     def __repr__(self) -> str:
         found = f"cost {self.cost:.6g}, mode {self.mode}" if self.mode is not None else "no trajectory"
@@ -134,7 +136,8 @@ def told_at_once(problem: OptimalControlProblem, given: Array) -> dict[int, Solu
     """The instances of ``problem`` with parameters ``given`` (B, np) that are infeasible without a solve, by row."""
     reasons = infeasible_rows(problem, problem.in_one_turn(given)[0])
     nothing = Solutions.empty(problem, len(problem.modes))
-    return {row: Solution(given[row], nothing, Status.INFEASIBLE, reason) for row, reason in reasons.items()}
+    failures = {row: of_instance(problem, reason) for row, reason in reasons.items()}
+    return {row: Solution(given[row], nothing, Status.INFEASIBLE, why.text, why) for row, why in failures.items()}
 
 
 def solved_from(solver: GuardedSolver, given: Array, guess: Sequence[Trajectory], multistart: Multistart) -> Solution:
@@ -147,8 +150,9 @@ def solved_from(solver: GuardedSolver, given: Array, guess: Sequence[Trajectory]
     search = _Search(solver, parameters, [each.shifted(-turns) for each in guess], multistart)
     found = search.solutions()
     modes = best_per_mode(problem, parameters[0], found)
-    status, reason = (Status.SOLVED, "") if found.solved.any() else search.why()
-    return Solution(given[0], replace(modes, trajectory=modes.trajectory.shifted(turns)), status, reason)
+    status, failure = (Status.SOLVED, None) if found.solved.any() else search.why()
+    here, failure = replace(modes, trajectory=modes.trajectory.shifted(turns)), failure and failure.shifted(turns)
+    return Solution(given[0], here, status, failure.text if failure else "", failure)
 
 
 class _Guesses(NamedTuple):
@@ -170,7 +174,7 @@ class _Search:
     ) -> None:
         self._solver, self._problem, self._parameters = solver, solver.problem, parameters
         self._starts, self._rng = multistart.starts, np.random.default_rng(multistart.seed)
-        self._surest = self._first(guess)
+        self._surest, self._ends = self._first(guess), list[Trajectory]()
 
     def _first(self, guess: Sequence[Trajectory]) -> _Guesses:
         """What is given, and a line for each winding where there is a multistart."""
@@ -186,12 +190,14 @@ class _Search:
         return guesses(self._problem, np.repeat(self._parameters, count, axis=0), np.arange(count), self._rng, kind)
 
     def _solve(self, tried: _Guesses, last_resort: bool = False) -> Attempts:
-        return self._solver.attempts(
+        attempts = self._solver.attempts(
             np.repeat(self._parameters, len(tried.windings), axis=0),
             *tried,
             retry_with_fallback=last_resort,
             rescue=last_resort,
         )
+        self._ends.append(attempts.ends)
+        return attempts
 
     def solutions(self) -> Solutions:
         """How the solves ended: all that were tried at first, or those of the last resort where none succeeded."""
@@ -215,13 +221,8 @@ class _Search:
         lines, found = self._surest.trajectory[-count:], first[-count:]
         return bends_of(self._problem, lines, found.solved, found.trajectory, self._rng)
 
-    def why(self) -> tuple[Status, str]:
+    def why(self) -> tuple[Status, Failure]:
         """How the solves of the last resort failed, and why."""
-        repeated = np.repeat(self._parameters, len(self._surest.windings), axis=0)
-        if not self._surest.trajectory.finite.any():
-            return Status.NOT_FINITE, "no guess is finite"
-        for trajectory in (self._surest.trajectory, self._failed.ends):
-            if reason := not_finite(self._problem, repeated, trajectory):
-                return Status.NOT_FINITE, reason
-        status = Status(int(self._failed.solutions.status[0]))
-        return status, worst_violation(self._problem, repeated, self._failed.ends)
+        ends = Trajectory.concatenate(self._ends)
+        statuses = self._failed.solutions.status.tolist()
+        return explained(self._problem, self._parameters, self._surest.trajectory, ends, statuses)

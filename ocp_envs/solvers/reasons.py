@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import casadi as ca
 import numpy as np
 
@@ -51,22 +53,52 @@ def _values_and_derivatives(problem: OptimalControlProblem) -> tuple[list[str], 
     return list(every), BatchFunction(dense_function("values", [x, u, s], list(every.values())))
 
 
-def worst_violation(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory) -> str:
+class Violated(NamedTuple):
+    """What the best of some attempts, in ``row``, violates most: a ``constraint`` of a ``kind``, and by how much.
+
+    ``kind`` is a key of :func:`~ocp_envs.solvers.check.residuals`, ``knot`` is ``None`` for the duration, and ``unit``
+    says in what the ``amount`` is measured, "" for the unit of the constraint.
+    """
+
+    row: int
+    kind: str
+    constraint: str
+    knot: int | None
+    amount: float
+    unit: str
+
+    @property
+    def text(self) -> str:
+        """In a sentence."""
+        where = "" if self.knot is None else f" at knot {self.knot}"
+        return f"the best attempt violates {self.constraint} most,{where} by {self.amount:.3g}{self.unit}"
+
+
+def most_violated(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory) -> Violated | None:
     """Which constraint the best of B attempts ``trajectory`` violates most, where and by how much.
 
     The best attempt is the one whose largest violation is smallest; those that are not finite are left out, and the
-    result is "" without any. All belong to instances of ``problem`` with ``parameters`` (B, np).
+    result is ``None`` without any. All belong to instances of ``problem`` with ``parameters`` (B, np).
     """
     finite = np.flatnonzero(trajectory.finite)
     if not len(finite):
-        return ""
+        return None
     found, _ = residuals(problem, parameters[finite], trajectory[finite])
     largest = np.stack([np.nan_to_num(amount, nan=np.inf).max(axis=(1, 2), initial=0.0) for amount in found.values()])
     row = int(largest.max(axis=0).argmin())
-    name, amount = list(found.items())[int(largest[:, row].argmax())]
+    kind, amount = list(found.items())[int(largest[:, row].argmax())]
     knot, i = (int(k) for k in np.unravel_index(amount[row].argmax(), amount[row].shape))
+    unit = {"clearance": "", "between": "", "mixed": "", "final": "", "duration": " of the longest one"}.get(
+        kind, " of its scale"
+    )
+    where = None if kind == "duration" else problem.knots - 1 if kind in ("goal", "final") else knot
+    return Violated(int(finite[row]), kind, _named(problem, kind, i), where, float(amount[row, knot, i]), unit)
+
+
+def _named(problem: OptimalControlProblem, kind: str, i: int) -> str:
+    """What component ``i`` of the constraints of a ``kind`` is called."""
     state, control = problem.system.state.names, problem.system.control.names
-    what = {
+    return {
         "dynamics": lambda: f"the dynamics of {state[i]}",
         "goal": lambda: f"the final {state[i]}",
         "state": lambda: f"the bounds of {state[i]}",
@@ -76,12 +108,7 @@ def worst_violation(problem: OptimalControlProblem, parameters: Array, trajector
         "between": lambda: f"clearance {i % problem.n_clearances} after",
         "mixed": lambda: f"inequality {i}" if i < problem.n_mixed[0] else f"equality {i - problem.n_mixed[0]}",
         "final": lambda: f"final constraint {i}",
-    }[name]()
-    unit = {"clearance": "", "between": "", "mixed": "", "final": "", "duration": " of the longest one"}.get(
-        name, " of its scale"
-    )
-    where = "" if name == "duration" else f" at knot {problem.knots - 1 if name in ('goal', 'final') else knot}"
-    return f"the best attempt violates {what} most,{where} by {amount[row, knot, i]:.3g}{unit}"
+    }[kind]()
 
 
 def _text(values: Array) -> str:

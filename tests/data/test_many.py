@@ -70,6 +70,8 @@ def test_failures_are_values_with_reasons():
     assert not optima.solved[1]
     assert optima.reasons[0] == ""
     assert "the best attempt violates" in optima.reasons[1]
+    assert list(optima.failures) == [1]
+    assert optima.failures[1].text == optima.reasons[1]
     assert np.isnan(optima.trajectory[1].flat()).all()
     assert optima.samples().index.tolist() == [0]
     assert optima.counts["SOLVED"] == 1
