@@ -46,7 +46,7 @@ from moe_policy.experiments.splits import SplitComparison, uniform_row
 from moe_policy.experiments.tables import markdown_table
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.problems import BENCHMARK
+from ocp_envs.problems import PAPER
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.sets import reference
 from ocp_envs.sets.splits import sets_of
@@ -62,7 +62,7 @@ COMPARED = 200
 
 def figure_names() -> dict[str, tuple[OptimalControlProblem, str]]:
     """Problem and drawing of every figure by its name."""
-    drawn = [(problem, kind) for problem in BENCHMARK for kind in gallery.drawings(problem)]
+    drawn = [(problem, kind) for problem in PAPER for kind in gallery.drawings(problem)]
     return {f"{benchmark_of(problem).short}-{kind}": (problem, kind) for problem, kind in drawn}
 
 
@@ -168,7 +168,7 @@ Table = Callable[[dict[str, Made], bool], tuple[Record, str]]
 
 def overview_table(made: dict[str, Made], quick: bool) -> tuple[Record, str]:
     """The overview as a record and as text."""
-    found = [overview_rows(made[problem.id].overview, benchmark_of(problem).overview) for problem in BENCHMARK]
+    found = [overview_rows(made[problem.id].overview, benchmark_of(problem).overview) for problem in PAPER]
     table = OverviewTable(quick=quick, rows=tuple(row for rows in found for row in rows), provenance=provenance())
     return table, markdown_table(table.rows, OVERVIEW_COLUMNS)
 
@@ -181,7 +181,7 @@ def training_table(made: dict[str, Made], quick: bool) -> tuple[Record, str]:
 
 def summary_table(made: dict[str, Made], quick: bool) -> tuple[Record, str]:
     """The summary as a record and as text."""
-    wanted = [made[problem.id] for problem in BENCHMARK if summarised(problem)]
+    wanted = [made[problem.id] for problem in PAPER if summarised(problem)]
     columns, rows = summary([Source(one.problem, one.rows, one.cases) for one in wanted])
     table = SummaryTable(quick=quick, columns=columns, rows=rows, provenance=provenance())
     return table, markdown_table(rows, summary_columns(columns))
@@ -241,7 +241,7 @@ def main() -> None:
     cli.threads()
     began, quick = time.perf_counter(), arguments.quick
     results = arguments.results / "quick" if quick else arguments.results
-    made = {problem.id: Made(problem, quick, arguments.data, results, arguments.workers) for problem in BENCHMARK}
+    made = {problem.id: Made(problem, quick, arguments.data, results, arguments.workers) for problem in PAPER}
     for name in arguments.table:
         record, text = TABLES[name](made, quick)
         write(results / f"table_{name}.json", record)

@@ -13,7 +13,10 @@ from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
 
-BENCHMARK: tuple[OptimalControlProblem, ...] = (PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE)
+#: The problems of Tang & Hauser, on which reinforcement learning is compared, too.
+PAPER: tuple[OptimalControlProblem, ...] = (PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE)
+#: All problems that ship with data and planners.
+BENCHMARK: tuple[OptimalControlProblem, ...] = PAPER
 #: A problem, or the name of a registered one.
 ProblemOrId = OptimalControlProblem | str
 _catalogue: dict[str, OptimalControlProblem] = {problem.id: problem for problem in BENCHMARK}

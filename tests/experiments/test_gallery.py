@@ -9,7 +9,7 @@ import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.rise import follow, rise_parameters
-from ocp_envs.problems import BENCHMARK
+from ocp_envs.problems import PAPER
 from ocp_envs.solvers.solver import GuardedSolver
 
 
@@ -28,7 +28,7 @@ def test_figures_follow_from_the_problem(env_id, names):
 
 def test_the_papers_figures_of_results_are_all_there():
     """Figure 2 is a sketch of the mixture."""
-    drawn = {drawing.paper for problem in BENCHMARK for drawing in gallery.drawings(problem).values()}
+    drawn = {drawing.paper for problem in PAPER for drawing in gallery.drawings(problem).values()}
     assert {1, 3, 4, 5, 6, 7, 8, 9, 10, 11} <= drawn
 
 

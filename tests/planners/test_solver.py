@@ -10,7 +10,7 @@ from moe_policy.experiments.methods import optimal_planner
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.solver import SolverPlanner, lookaround_of
 from moe_policy.planners.stored import StoredPlans
-from ocp_envs.problems import BENCHMARK
+from ocp_envs.problems import BENCHMARK, PAPER
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.solvers.guesses import NEAREST_WINDING
@@ -178,7 +178,7 @@ def test_the_program_plans_the_pendulum():
 
 
 def test_the_neighbourhood_is_the_problems_own():
-    assert {problem.id: lookaround_of(problem) for problem in BENCHMARK} == {
+    assert {problem.id: lookaround_of(problem) for problem in PAPER} == {
         "PendulumSwingup-v0": 12,
         "GroundVehicle-v0": 12,
         "Quadcopter-v0": 12,
