@@ -128,11 +128,10 @@ def _at_bounds(box: Box, values: Array, share: float) -> list[str]:
 
 def _of_status(status: Status, best: Violated) -> list[str]:
     """What to try after a solve that ended with ``status`` at a point that violates ``best`` most."""
+    if status == Status.INFEASIBLE and best.kind in ("clearance", "between", "mixed"):
+        return ["another guess (guess=…), on another side of the constraint: no trajectory near this point meets all"]
     if status == Status.INFEASIBLE:
-        near = (
-            "another guess (guess=…), on another side of the constraint: none of the trajectories near this point fits"
-        )
-        return [near] if best.kind in ("clearance", "between", "mixed") else [near, "parameters nearer to the goal"]
+        return ["another guess (guess=…): no trajectory near this point meets all", "parameters nearer to the goal"]
     if status == Status.CHECK_FAILED:
         return ["more substeps, or scales of the size that the coordinates have", _MORE]
     if status in (Status.TIMED_OUT, Status.CRASHED):
