@@ -1,6 +1,7 @@
 """Find solution families by continuation between neighbouring instances, and compare them with the declared ones.
 
-Needs the database ``training`` of ``scripts/generate_data.py``, which need not be complete. Solves are kept under
+Each family is continued beyond its border, to see how much more it costs there. Needs the database ``training`` of
+``scripts/generate_data.py``, which need not be complete. Solves between neighbours are kept under
 ``data/<env>/training.continuation``: an interrupted command continues where it stopped, and
 ``scripts/train_planners.py --names moe-auto`` has them. Writes ``families_<env>.json`` and
 ``families_<env>.png``, and all problems' records as ``table_families.json``.
@@ -13,12 +14,29 @@ import os
 import time
 
 from moe_policy.experiments import cli
-from moe_policy.experiments.families import FAMILY_COLUMNS, FamiliesTable, families
+from moe_policy.experiments.families import FAMILY_COLUMNS, FamiliesTable, Gaps, families
 from moe_policy.experiments.figures.families import families_figure
+from moe_policy.experiments.records import ABSENT, Absent
 from moe_policy.experiments.tables import text_table
 from moe_policy.learning.families import NEIGHBOURS, families_of
-from ocp_envs.data.continuation import continued
+from moe_policy.learning.graph_cuts import Parts
+from ocp_envs.data.beyond import beyond
+from ocp_envs.data.continuation import Continuation, continued
+from ocp_envs.data.samples import Samples
+from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import provenance
+
+#: Largest excess of the cost with which a family is continued beyond its border.
+MARGIN = 0.3
+
+
+def gaps_of(samples: Samples, continuation: Continuation, parts: Parts) -> tuple[Gaps | Absent, Array | None]:
+    """How far the families ``parts`` of ``samples`` are known beyond their borders, and their costs (M, k)."""
+    if not parts.values.any():
+        return ABSENT, None
+    began = time.perf_counter()
+    found = beyond(samples, parts.values, continuation.pairs, MARGIN)
+    return Gaps.of(samples, found, MARGIN, time.perf_counter() - began), found.cost
 
 
 def main() -> None:
@@ -35,6 +53,7 @@ def main() -> None:
     found = continued(samples, kept, neighbours=NEIGHBOURS, workers=arguments.workers)
     seconds = time.perf_counter() - began if set(kept.glob("*.zarr")) > before else None
     parts = families_of(samples, found)
+    gaps, costs = gaps_of(samples, found, parts)
     record = families(
         samples,
         found,
@@ -43,9 +62,10 @@ def main() -> None:
         seconds=seconds,
         workers=arguments.workers or os.cpu_count() or 1,
         provenance=provenance(),
+        gaps=gaps,
     )
     path = cli.publish(arguments, f"families_{problem.id}", record)
-    cli.say(f"wrote {families_figure(path.with_suffix('.png'), samples, parts, over)}")
+    cli.say(f"wrote {families_figure(path.with_suffix('.png'), samples, parts, costs, over)}")
     cli.publish(arguments, "table_families", FamiliesTable.of(arguments.results, provenance()))
     print(text_table((record,), FAMILY_COLUMNS))
 

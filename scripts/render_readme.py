@@ -12,6 +12,7 @@ from typing import TypeVar
 from moe_policy.experiments import cli
 from moe_policy.experiments.between_knots import COLUMNS as BETWEEN_KNOTS_COLUMNS
 from moe_policy.experiments.between_knots import BetweenKnots
+from moe_policy.experiments.borders import BORDER_COLUMNS, Borders
 from moe_policy.experiments.budgets import BUDGET_COLUMNS, Budgets
 from moe_policy.experiments.checking import PlannerChecks
 from moe_policy.experiments.checking_tables import (
@@ -30,6 +31,7 @@ from moe_policy.experiments.families import FAMILY_COLUMNS, FamiliesTable
 from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
 from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, SummaryTable, TrainingTable, summary_columns
+from moe_policy.experiments.partitions import PARTITION_COLUMNS, Partitions
 from moe_policy.experiments.records import Record, read
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
@@ -67,6 +69,8 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("planners_checked", "repaired"): table(PlannerChecks, repair_lines, REPAIR_COLUMNS),
     ("planners_checked", "times"): table(PlannerChecks, lambda record: record.times, TIME_COLUMNS),
     ("planners_checked", "bounds"): table(PlannerChecks, lambda record: record.bounds, BOUND_COLUMNS),
+    ("partitions", None): table(Partitions, lambda record: record.rows, PARTITION_COLUMNS),
+    ("borders", None): table(Borders, lambda record: record.rows, BORDER_COLUMNS),
     ("clusters", None): table(ClusterChoice, lambda record: record.rows, CLUSTER_COLUMNS),
     ("between_knots", None): table(BetweenKnots, lambda record: record.rows, BETWEEN_KNOTS_COLUMNS),
     ("discretisation", None): table(Discretisation, lambda record: record.rows, DISCRETISATION_COLUMNS),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.pendulum import PENDULUM
+from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.trajectory import Trajectory
 
 
@@ -30,3 +31,18 @@ def fake_samples(count: int = 400, seed: int = 0, jump: float = 2 * np.pi, modes
     states = p[:, None] * (1 - progress) + goal[:, None] * progress
     controls = np.cos(p[:, :1] + progress[:-1, 0])[..., None] * p[:, 1:, None] / 2
     return Samples.of(PENDULUM, p, Trajectory(states, controls, 3 + 0.2 * p[:, 1]), mode)
+
+
+def flights(count: int = 40, active: bool = True) -> Samples:
+    """Straight flights past spheres, which push at one knot or, without contact, at none."""
+    rng = np.random.default_rng(3)
+    p = QUADCOPTER_OBSTACLE.parameters.draw(rng, count)
+    progress = np.linspace(1, 0, QUADCOPTER_OBSTACLE.knots)[:, None]
+    states = QUADCOPTER_OBSTACLE.start(p)[0][:, None] * progress
+    controls = np.zeros((count, QUADCOPTER_OBSTACLE.knots - 1, QUADCOPTER_OBSTACLE.system.nu))
+    samples = Samples.of(
+        QUADCOPTER_OBSTACLE, p, Trajectory(states, controls, np.full(count, 3.0)), np.zeros(count, int)
+    )
+    multipliers = np.zeros((count, QUADCOPTER_OBSTACLE.knots, 1))
+    multipliers[:, 7] = 2.0 if active else 0.0
+    return replace(samples, multipliers=multipliers)

@@ -10,12 +10,14 @@ from typing import Self
 import numpy as np
 from sklearn.metrics import adjusted_rand_score
 
-from moe_policy.experiments.records import Record, read
+from moe_policy.experiments.records import ABSENT, Absent, Record, read
 from moe_policy.experiments.tables import DASH, Column
 from moe_policy.learning.families import NEIGHBOURS, SMALLEST, WIDTH
 from moe_policy.learning.graph_cuts import Cut, Parts
+from ocp_envs.data.beyond import Beyond
 from ocp_envs.data.continuation import Continuation
 from ocp_envs.data.samples import Samples
+from ocp_envs.sets.discontinuity import relative_cost_difference
 from ocp_envs.support.provenance import Provenance
 
 #: A trajectory that costs less than the stored one by this fraction shows that the latter is not the optimum.
@@ -39,6 +41,33 @@ class Found(Record):
     def others(self) -> int:
         """Number of its instances in other declared families."""
         return self.instances - self.declared[self.mainly]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gaps(Record):
+    """Where several families are known: they were continued beyond their borders."""
+
+    margin: float  # largest excess of their cost over the best one, relative to it
+    further: int  # number of trajectories beyond the border of their family
+    instances: int  # number of instances at which at least two families are known
+    declared: int | None  # the same of the declared families within the margin; null where the problem declares one
+    solves: int  # number of solves
+    seconds: float  # duration of these
+
+    @classmethod
+    def of(cls, samples: Samples, found: Beyond, margin: float, seconds: float) -> Self:
+        """The gaps of ``found``, which continued the families of ``samples`` in ``seconds``."""
+        several = len(samples.problem.modes) > 1
+        declared = int((relative_cost_difference(samples.mode_costs) <= margin).sum()) if several else None
+        two = int((np.isfinite(found.cost).sum(axis=1) > 1).sum())
+        return cls(
+            margin=margin,
+            further=len(found.rows),
+            instances=two,
+            declared=declared,
+            solves=found.solves,
+            seconds=seconds,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +101,7 @@ class Families(Record):
     seconds: float | None  # duration of the solves; null where some of them were kept from an earlier run
     workers: int  # number of processes that solved
     training_key: str  # of the training database
+    gaps: Gaps | Absent = ABSENT  # where several families were found
     provenance: Provenance  # of the record
 
     @property
@@ -115,6 +145,7 @@ def families(
     seconds: float | None,
     workers: int,
     provenance: Provenance,
+    gaps: Gaps | Absent = ABSENT,
 ) -> Families:
     """The record of the ``parts`` of ``samples`` that were found from their ``continuation``."""
     agrees, joined, distance = continuation.agrees, continuation.joined, continuation.distance
@@ -150,6 +181,7 @@ def families(
         seconds=seconds,
         workers=workers,
         training_key=training_key,
+        gaps=gaps,
         provenance=provenance,
     )
 

@@ -13,6 +13,7 @@ from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.figures.details import Details, DiscontinuityCase
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, renamed
+from moe_policy.learning.training import SHARED
 from moe_policy.planners.network import NetworkPlanner
 from ocp_envs.data.samples import Samples
 from ocp_envs.support.provenance import Provenance
@@ -46,7 +47,9 @@ class Training(Record):
             training_seconds=training["seconds"],
             peak_memory_gb=training.get("peak_memory_gb"),
             gate_accuracy=next((part["accuracy"] for part in parts if part["accuracy"] is not None), None),
-            part_test_errors=tuple(part["test_loss"] for part in parts if part["accuracy"] is None),
+            part_test_errors=tuple(
+                part["test_loss"] for part in parts if part["accuracy"] is None and not part["name"].startswith(SHARED)
+            ),
             cluster_sizes=None if clusters is None else tuple(clusters),
         )
 

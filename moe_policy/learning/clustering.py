@@ -5,8 +5,10 @@ Solutions are clustered, not parameters: the map from parameters to solutions is
 - ``custom``: the problem's own solution families (final winding, direction of travel, side of the obstacle).
 - ``kmeans``: k-means on flat trajectories, every component standardised.
 - ``kmeans-pca``: the same after a projection on the principal components of the standardised trajectories.
+- ``reaction``: k-means on the directions in which the path constraints push the optimum
+  (:mod:`moe_policy.learning.reactions`).
 - ``continuation``: families that are found: neighbours whose optima lead to each other belong together
-  (:mod:`moe_policy.learning.families`).
+  (:mod:`moe_policy.learning.families`). Where a random part of the samples is one family, all are.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from sklearn.cluster import KMeans
 from sklearn.decomposition import PCA
 
 from moe_policy.learning.families import NEIGHBOURS, families_of, record
+from moe_policy.learning.reactions import reactions
 from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.continuation import continued
 from ocp_envs.data.database import Database
@@ -32,7 +35,9 @@ from ocp_envs.support.checks import check_kind, check_whole
 from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
 
-METHODS = ("custom", "kmeans", "kmeans-pca", "continuation")
+METHODS = ("custom", "kmeans", "kmeans-pca", "reaction", "continuation")
+#: Where so many random samples are one family, continuation does not compare the others.
+SCOUTS = 1_000
 #: k-means fits its centres to at most this many random samples; the others join the nearest centre.
 FITTED = 150_000
 
@@ -103,9 +108,9 @@ def cluster(
 
     Args:
         database: a Database or its samples, M of them.
-        method: ``"custom"``, ``"kmeans"``, ``"kmeans-pca"`` or ``"continuation"``.
-        k: number of clusters, for k-means; ``custom`` has those of the problem's solution families that occur, and
-            ``continuation`` those that it finds, or these split further into k parts.
+        method: ``"custom"``, ``"kmeans"``, ``"kmeans-pca"``, ``"reaction"`` or ``"continuation"``.
+        k: number of clusters, for k-means and ``reaction``; ``custom`` has those of the problem's solution families
+            that occur, and ``continuation`` those that it finds, or these split further into k parts.
         components: number of principal components, for ``kmeans-pca`` alone.
         seed: of the initial centres of k-means.
         n_init: number of runs of k-means, the best of which is kept.
@@ -131,6 +136,8 @@ def cluster(
         return _by_continuation(samples, beside if kept is None else Path(kept), executor, k)
     if k is None:
         return _by_mode(samples)
+    if method == "reaction":
+        return _by_reaction(samples, k, seed, n_init)
     return _by_kmeans(samples, method, k, components, seed, n_init)
 
 
@@ -145,12 +152,34 @@ def _by_mode(samples: Samples) -> Labels:
 def _by_continuation(samples: Samples, kept: Path | None, executor: Executor | None, k: int | None) -> Labels:
     if k is not None:
         check_whole("k", k, 1, len(samples))
+    elif len(samples) > SCOUTS and (alone := _one_family(samples, kept, executor)) is not None:
+        return alone
     found = continued(samples, kept, neighbours=NEIGHBOURS, executor=executor)
     parts = families_of(samples, found, least=k or 1)
     if k is not None and (count := int(parts.values.max()) + 1) > k:
         raise ValueError(f"k: got {k}, but {count} families were found; expected at least {count}, or None for these")
     names = tuple(f"family {i}" for i in range(parts.values.max() + 1))
     return Labels(parts.values, names, "continuation", record(found, parts))
+
+
+def _one_family(samples: Samples, kept: Path | None, executor: Executor | None) -> Labels | None:
+    """All ``samples`` in one family, if :data:`SCOUTS` random ones are one; else ``None``."""
+    scouts = samples[np.sort(np.random.default_rng(0).permutation(len(samples))[:SCOUTS])]
+    found = continued(scouts, kept, neighbours=NEIGHBOURS, executor=executor)
+    parts = families_of(scouts, found)
+    if parts.values.any():
+        return None
+    values = np.zeros(len(samples), dtype=np.int64)
+    return Labels(values, ("family 0",), "continuation", record(found, parts) | {"scouts": SCOUTS})
+
+
+def _by_reaction(samples: Samples, k: int, seed: int, n_init: int) -> Labels:
+    check_whole("k", k, 1, len(samples))
+    fitted = KMeans(n_clusters=k, n_init=n_init, random_state=seed).fit(reactions(samples))
+    present, values = np.unique(fitted.labels_, return_inverse=True)
+    names = tuple(f"side {i}" for i in range(len(present)))
+    settings = {"k": k, "seed": seed, "n_init": n_init, "inertia": float(fitted.inertia_)}
+    return Labels(values, names, "reaction", settings)
 
 
 def _by_kmeans(samples: Samples, method: str, k: int, components: int | None, seed: int, n_init: int) -> Labels:

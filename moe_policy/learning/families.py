@@ -8,6 +8,9 @@ instance and its nearest neighbours in the same component, apart from pairs that
 discontinuity families may be as thin as the spacing of instances. With the steepness s = ‖Δz‖ / ‖Δp‖ of an edge (z
 standardised, p in box widths) relative to the median of joined pairs, its weight is 1 / (1 + s³).
 
+Components of a few instances to which no neighbour leads are not families. Each goes to that of the nearest trajectory
+among its nearest neighbours in p: families may be neighbours in p, but their trajectories are not.
+
 *Measured*: the cut between the vehicle's families that drive forwards and backwards has a width of 0.001, the one
 between the pendulum's swing-ups to the same final angle from the left and from the right 0.03; the best cuts of all
 other families have 0.4 or more. The threshold is between.
@@ -24,7 +27,7 @@ from scipy.sparse.csgraph import connected_components
 from moe_policy.learning.graph_cuts import Parts, parts_of, symmetric
 from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.continuation import Continuation
-from ocp_envs.data.neighbours import neighbour_pairs
+from ocp_envs.data.neighbours import Neighbours, neighbour_pairs
 from ocp_envs.data.samples import Samples
 from ocp_envs.support.arrays import Array, Bools, Ints
 
@@ -33,8 +36,9 @@ from ocp_envs.support.arrays import Array, Bools, Ints
 NEIGHBOURS, WIDTH, SMALLEST = 8, 0.1, 0.01
 #: Nearest neighbours of each instance in the graph that is cut, and the least weight of an edge.
 _NEAR, _LEAST = 16, 1e-9
-#: Support of a pair that does not agree, relative to a solve that does.
-_ADJACENT = 1e-3
+#: Neighbours of an instance in a small component among which the nearest trajectory is looked for, and its support for
+#: the family of that trajectory, relative to a solve that agrees.
+_AMONG, _NEAREST = 64, 10.0
 
 
 def families_of(
@@ -52,15 +56,31 @@ def families_of(
     least the fraction ``smallest`` of all instances.
     """
     pairs, joined, count = continuation.pairs, continuation.joined, len(samples)
-    support = symmetric(pairs, continuation.agrees.sum(axis=1) + _ADJACENT, count)
-    points = samples.parameters / samples.problem.parameters.width
-    return parts_of(_graph(samples, pairs, joined), support, points, width, math.ceil(smallest * count), least)
-
-
-def _graph(samples: Samples, pairs: Ints, joined: Bools) -> csr_matrix:
-    """The graph that is cut, with the components of that of the ``pairs`` (E, 2) that are ``joined`` (E,)."""
-    count = len(samples)
+    enough = math.ceil(smallest * count)
     component = connected_components(symmetric(pairs[joined], np.ones(int(joined.sum())), count), directed=False)[1]
+    nearest = _nearest(samples, np.bincount(component)[component] < enough)
+    support = symmetric(pairs, continuation.agrees.sum(axis=1).astype(float), count)
+    support = support + symmetric(nearest, np.full(len(nearest), _NEAREST), count)
+    points = samples.parameters / samples.problem.parameters.width
+    return parts_of(_graph(samples, pairs, joined, component), support, points, width, enough, least)
+
+
+def _nearest(samples: Samples, alone: Bools) -> Ints:
+    """Each sample that is ``alone`` (M,), and its neighbour with the nearest trajectory that is not, (A, 2)."""
+    rows = np.flatnonzero(alone)
+    if not len(rows) or alone.all():
+        return np.empty((0, 2), dtype=np.int64)
+    others = np.flatnonzero(~alone)
+    known = Neighbours(samples.problem.parameters, samples.parameters[others])
+    near = others[known.nearest(samples.parameters[rows], min(_AMONG, len(others)))[1]]
+    pairs = np.stack([np.repeat(rows, near.shape[1]), near.ravel()], axis=1)
+    change = _changes(samples, pairs).reshape(near.shape)
+    return np.stack([rows, near[np.arange(len(rows)), change.argmin(axis=1)]], axis=1)
+
+
+def _graph(samples: Samples, pairs: Ints, joined: Bools, component: Ints) -> csr_matrix:
+    """The graph that is cut, with the components (M,) of that of the ``pairs`` (E, 2) that are ``joined`` (E,)."""
+    count = len(samples)
     near = neighbour_pairs(samples.problem.parameters, samples.parameters, _NEAR)
     near = near[component[near[:, 0]] == component[near[:, 1]]]
     number = np.array([count, 1])  # of a pair (i, j): i · count + j
@@ -80,17 +100,26 @@ def steepness(samples: Samples, pairs: Ints) -> Array:
     with other trajectories.
     """
 
+    found, width = _changes(samples, pairs), samples.problem.parameters.width
+    for rows in blocks(len(pairs)):
+        i, j = pairs[rows].T
+        step = np.linalg.norm((samples.parameters[i] - samples.parameters[j]) / width, axis=1)
+        with np.errstate(divide="ignore"):
+            found[rows] = np.divide(found[rows], step, out=np.zeros(len(step)), where=found[rows] > 0)
+    return found
+
+
+def _changes(samples: Samples, pairs: Ints) -> Array:
+    """The distances ‖Δz‖ of the standardised trajectories of ``pairs`` (E, 2) of ``samples``, (E,)."""
+
     def flat(rows: Ints | slice) -> Array:
         return samples.trajectory[rows].flat()
 
-    scaler, width = Standardizer.fit_blocks(lambda: map(flat, blocks(len(samples)))), samples.problem.parameters.width
+    scaler = Standardizer.fit_blocks(lambda: map(flat, blocks(len(samples))))
     found = np.zeros(len(pairs))
     for rows in blocks(len(pairs)):
         i, j = pairs[rows].T
-        change = np.linalg.norm(scaler.scale(flat(i)) - scaler.scale(flat(j)), axis=1)
-        step = np.linalg.norm((samples.parameters[i] - samples.parameters[j]) / width, axis=1)
-        with np.errstate(divide="ignore"):
-            found[rows] = np.divide(change, step, out=np.zeros(len(step)), where=change > 0)
+        found[rows] = np.linalg.norm(scaler.scale(flat(i)) - scaler.scale(flat(j)), axis=1)
     return found
 
 

@@ -55,6 +55,7 @@ class Part:
         examples: what it learns; a network that learns classes is a gate.
         settings: how it is trained.
         checkpoint: file of its state, ``None`` to keep none.
+        begin: its first weights, random by default.
     """
 
     name: str
@@ -64,10 +65,13 @@ class Part:
     settings: TrainingSettings
     seed: int
     checkpoint: Path | None = None
+    begin: _Weights | None = None
 
     def train(self, progress: bool | None = None) -> _Trained:
         """The trained network and its report; ``progress`` shows its epochs, by default on a terminal alone."""
         network = initial_network(self.sizes, self.seed, self.stream)
+        if self.begin is not None:
+            network.load_state_dict(_tensors(self.begin))
         gate = self.examples.classified
 
         def loss(x: Tensor, y: Tensor, epoch: int) -> Tensor:
@@ -93,12 +97,21 @@ def _in_worker(part: Part) -> tuple[_Weights, PartReport]:
     """Train ``part`` with one thread; the weights are arrays, which travel between processes."""
     torch.set_num_threads(1)
     network, report = part.train(progress=False)
-    return {key: value.numpy() for key, value in network.state_dict().items()}, report
+    return weights_of(network), report
+
+
+def weights_of(network: SingleModule) -> _Weights:
+    """The weights of ``network``, by name."""
+    return {key: value.numpy() for key, value in network.state_dict().items()}
+
+
+def _tensors(weights: _Weights) -> dict[str, Tensor]:
+    return {key: torch.from_numpy(np.array(value)) for key, value in weights.items()}
 
 
 def _received(part: Part, weights: _Weights) -> SingleModule:
     network = SingleModule(part.sizes)
-    network.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
+    network.load_state_dict(_tensors(weights))
     return network
 
 

@@ -16,9 +16,12 @@ from moe_policy.learning.training import fit_mixture, fit_single
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Mixing, Softmax
-from ocp_envs.data.samples import Samples, SampleSource
+from ocp_envs.data.samples import Samples, SampleSource, samples_of
 
 PRINCIPAL_COMPONENTS = 5
+#: Number of sides of the path constraints into which one family is split, and fraction of the epochs in which its
+#: experts are one network.
+SIDES, TOGETHER = 16, 0.5
 #: The names of planners, and what each is.
 FORMS: Mapping[str, str] = MappingProxyType(
     {
@@ -26,8 +29,10 @@ FORMS: Mapping[str, str] = MappingProxyType(
         "moe-custom": "a mixture over the problem's own solution families, trained decoupled",
         "moe-kmeans-<k>": "the same over k-means clusters of the trajectories",
         "moe-kmeans-pca-<k>": f"the same after a projection on {PRINCIPAL_COMPONENTS} principal components",
-        "moe-auto": "the same over solution families that continuation finds; one network where it finds one",
+        "moe-auto": "the same over solution families that continuation finds; where it finds one, one network or, with "
+        f"path constraints, moe-reaction-{SIDES}",
         "moe-auto-<k>": "the same over these families, split further into k parts",
+        "moe-reaction-<k>": "the same over k sides of the path constraints, with experts that begin as one network",
         "moe-random": "a mixture with as many experts as moe-custom, trained jointly from random weights",
         "moe-retrained-argmax": "moe-custom, retrained as one network with argmax",
         "moe-retrained-softmax-<epsilon>": "the same with softmax at epsilon, for instance 1 or 0.1",
@@ -99,9 +104,13 @@ def make(
     if found := re.fullmatch(r"moe-auto(?:-(\d+))?", name):
         k = None if found[1] is None else int(found[1])
         labels = cluster(database, "continuation", k=k, kept=kept, executor=executor)
-        if labels.k == 1:  # nothing to choose from
+        if labels.k == 1 and not samples_of(database).problem.n_clearances:  # nothing to choose from
             return fit_single(database, name=name, **how)
+        if labels.k == 1:  # one family, but steep where its optimum swings to another side of a constraint
+            return _by_sides(database, SIDES, name, executor, how)
         return fit_mixture(database, labels, executor=executor, name=name, **how)
+    if found := re.fullmatch(r"moe-reaction-(\d+)", name):
+        return _by_sides(database, int(found[1]), name, executor, how)
     if name == "moe-random":
         return fit_mixture_jointly(database, cluster(database, "custom").k, **how)
     epsilon = name.removeprefix("moe-retrained-").removeprefix("softmax-")
@@ -109,3 +118,11 @@ def make(
     trained = make("moe-custom", database, executor=executor, **how)
     assert isinstance(trained, NetworkPlanner)
     return retrain(trained, database, mixing, **how)
+
+
+def _by_sides(
+    database: Samples | SampleSource, k: int, name: str, executor: Executor | None, how: _Common
+) -> NetworkPlanner:
+    """A mixture over ``k`` sides of the path constraints, whose experts begin as one network."""
+    labels = cluster(database, "reaction", k=k, seed=how["seed"])
+    return fit_mixture(database, labels, executor=executor, together=TOGETHER, name=name, **how)

@@ -9,19 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
 
 from moe_policy.learning.architectures import Architecture, Hidden, architecture_of, layer_sizes
 from moe_policy.learning.clustering import Labels
-from moe_policy.learning.parts import FIRST_EXPERT, GATE, Part, train_parts
+from moe_policy.learning.parts import FIRST_EXPERT, GATE, Part, train_parts, weights_of
 from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import DEFAULT, TrainingSettings
 from moe_policy.planners.modules import MixtureModule
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Mixing
+from moe_policy.planners.record import PartReport
 from ocp_envs.data.samples import Samples, SampleSource
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.checks import check_number
 from ocp_envs.support.doors import checked
+
+#: Name of the networks with which experts begin, followed by a number.
+SHARED = "shared"
 
 
 @checked
@@ -76,6 +82,7 @@ def fit_mixture(
     name: str | None = None,
     executor: Executor | None = None,
     checkpoints: Path | None = None,
+    together: float = 0.0,
 ) -> NetworkPlanner:
     """Train the gate on the clusters and each expert on its own cluster (decoupled).
 
@@ -90,21 +97,28 @@ def fit_mixture(
         executor: trains gate and experts in parallel, such as a :class:`ocp_envs.support.pool.WorkerPool`; the weights
             do not depend on it. By default they are trained one after the other in this process.
         checkpoints: folder of its checkpoints, as in :func:`fit_single`.
+        together: fraction of the epochs, at least 0 and below 1, in which all experts of equal layers are one network,
+            which learns all samples; where clusters are parts of one family, experts begin with what they share.
 
     Raises:
         CheckpointError, FloatingPointError: as :func:`fit_single` does.
         TypeError: a mixing other than ``Argmax()`` and ``Softmax(ε)``, or labels of another type.
-        ValueError: labels of other samples, a cluster without a training sample, or unusable samples.
+        ValueError: labels of other samples, a cluster without a training sample, ``together`` out of range, or unusable
+            samples.
     """
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
     parts = _decoupled(data, labels, architecture or architecture_of(data.problem))
-    (gate, *experts), reports = zip(*train_parts(parts, executor))
+    first: list[PartReport] = []
+    if together:
+        parts, first = _begun_together(data, parts, together, executor)
+    (gate, *experts), own = zip(*train_parts(parts, executor))
+    reports = [*own, *first]
     clusters = {
         "method": labels.method,
         "names": list(labels.names),
         "sizes": labels.sizes.tolist(),
         "settings": dict(labels.settings),
-    }
+    } | ({"together": together} if together else {})
     default = f"moe-{labels.method}" + (f"-{labels.k}" if labels.method.startswith("kmeans") else "")
     return data.planner(name or default, MixtureModule(gate, experts), mixing, reports, clusters=clusters)
 
@@ -122,3 +136,30 @@ def _decoupled(data: Prepared, labels: Labels, architecture: Architecture) -> li
         hidden = architecture.expert(int(size), len(labels) / labels.k, labels.method)
         parts.append(data.regressor(f"expert {i}", hidden, FIRST_EXPERT + i, own))
     return parts
+
+
+def _begun_together(
+    data: Prepared, parts: list[Part], together: float, executor: Executor | None
+) -> tuple[list[Part], list[PartReport]]:
+    """The ``parts`` of a mixture, a gate and experts, with experts that begin as one network for each size, which has
+    learnt all samples for the fraction ``together`` of the epochs; and the reports of these networks.
+    """
+    check_number("together", together, "a number of at least 0 and below 1", 0.0)
+    gate, *experts = parts
+    epochs = round(together * data.settings.epochs)
+    if not 0 < epochs < data.settings.epochs:
+        raise ValueError(
+            f"together must leave epochs before and after, got {together} of {data.settings.epochs} epochs"
+        )
+    sizes = sorted({expert.sizes for expert in experts})
+    of_all = [
+        replace(
+            data.regressor(f"{SHARED} {i}", size[1:-1], FIRST_EXPERT), settings=replace(data.settings, epochs=epochs)
+        )
+        for i, size in enumerate(sizes)
+    ]
+    trained = train_parts(of_all, executor)
+    weights = {size: weights_of(network) for size, (network, _) in zip(sizes, trained)}
+    rest = replace(data.settings, epochs=data.settings.epochs - epochs)
+    begun = [replace(expert, settings=rest, begin=weights[expert.sizes]) for expert in experts]
+    return [gate, *begun], [report for _, report in trained]

@@ -196,15 +196,15 @@ def continue_pairs(task: _Task) -> Continued:
 
     with np.errstate(invalid="ignore", divide="ignore"):
         excess = np.where(found.solved, (found.cost - cost) / np.abs(cost), np.inf)
-    distance = np.where(found.solved, _distance(problem, found.trajectory, wanted), np.inf)
+    apart = np.where(found.solved, distance(problem, found.trajectory, wanted), np.inf)
     return Continued(
-        directions(distance).astype(np.float32),
+        directions(apart).astype(np.float32),
         directions(excess).astype(np.float32),
         directions(found.iterations).astype(np.int32),
     )
 
 
-def _distance(problem: OptimalControlProblem, found: Trajectory, wanted: Trajectory) -> Array:
+def distance(problem: OptimalControlProblem, found: Trajectory, wanted: Trajectory) -> Array:
     """The distances d of B trajectories ``found`` from those ``wanted``, (B,)."""
     states = np.abs((found.states - wanted.states) / problem.system.state.scale).max(axis=(1, 2))
     return np.asarray(np.maximum(states, np.abs(found.duration - wanted.duration) / problem.longest))

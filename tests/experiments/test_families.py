@@ -5,10 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from moe_policy.experiments.families import FAMILY_COLUMNS, Families, families
+from moe_policy.experiments.families import FAMILY_COLUMNS, Families, Gaps, families
 from moe_policy.experiments.figures.families import families_figure
 from moe_policy.experiments.tables import markdown_table
 from moe_policy.learning.families import families_of
+from ocp_envs.data.beyond import Beyond
 from ocp_envs.data.continuation import Continuation
 from ocp_envs.data.neighbours import neighbour_pairs
 from ocp_envs.support.provenance import provenance
@@ -85,11 +86,21 @@ def test_instances_at_which_a_neighbour_leads_to_a_lower_cost_are_counted_once()
     assert len(np.unique(continuation.pairs[:2, 0])) == record.not_optimal == 1
 
 
+def test_gaps_count_where_a_second_family_is_known():
+    cost = np.full((300, 2), [1.0, np.inf])
+    cost[:7, 1] = 1.2
+    declared = np.full((300, 3), np.inf)
+    declared[:, 0], declared[:9, 2], declared[:4, 1] = 1.0, 1.5, 1.25
+    found = Beyond(cost, np.arange(8), np.ones(8, int), SAMPLES.trajectory[:8], 20)
+    gaps = Gaps.of(dataclasses.replace(SAMPLES, mode_costs=declared), found, 0.3, 1.5)
+    assert gaps == Gaps(margin=0.3, further=8, instances=7, declared=4, solves=20, seconds=1.5)
+
+
 @pytest.mark.parametrize("known", [True, False])
-def test_the_figure_shows_families_and_where_several_are_stored_the_cost_gap(drawn, known):
+def test_the_figure_shows_families_and_where_their_costs_are_known_the_gap(drawn, known):
     _, parts = record_of(continuing(of_different_modes))
-    costs = np.where(known, np.linspace(1, 2, 900).reshape(300, 3), np.nan)
-    figure = drawn(families_figure, dataclasses.replace(SAMPLES, mode_costs=costs), parts)
+    costs = np.linspace(1, 2, 900).reshape(300, 3) if known else None
+    figure = drawn(families_figure, SAMPLES, parts, costs)
     panels = [axes for axes in figure.axes if axes.get_title()]
     assert len(panels) == (2 if known else 1)
     assert panels[0].get_xlabel() == "theta, rad"

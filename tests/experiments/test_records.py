@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from moe_policy.experiments.between_knots import BetweenKnots
+from moe_policy.experiments.borders import Borders
 from moe_policy.experiments.budgets import Budgets
 from moe_policy.experiments.checking import PlannerChecks
 from moe_policy.experiments.cluster_choice import ClusterChoice
@@ -38,6 +39,7 @@ RESULTS = Path(__file__).resolve().parents[2] / "results"
 FILES = sorted(path.name for path in RESULTS.glob("*.json"))
 #: What each file in ``results/`` is, by the pattern of its name; a file has exactly one.
 TYPES: dict[str, type[Record]] = {
+    "borders_*": Borders,
     "clusters_*": ClusterChoice,
     "data_quality_*": Quality,
     "generation_*": Generation,

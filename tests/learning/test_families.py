@@ -8,6 +8,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from moe_policy.learning import clustering
 from moe_policy.learning.clustering import cluster
 from moe_policy.learning.families import families_of, steepness
 from ocp_envs.data import continuation, generation, worker
@@ -68,6 +69,20 @@ def test_a_family_that_bends_fast_in_one_place_is_split_into_as_many_parts_as_wa
     assert [int(families_of(samples, ALL, least=least).values.max()) + 1 for least in (1, 2, 5)] == [1, 2, 5]
 
 
+@pytest.mark.parametrize("lost", np.abs(P[:, 0] - 0.5).argsort()[:3].tolist())
+def test_an_instance_that_no_neighbour_leads_to_is_of_the_family_of_the_nearest_trajectory(lost):
+    """Its place is among the other family."""
+    above = P[:, 0] > 0.5
+    values = P[:, 0] + 3 * above
+    values[lost] = P[lost, 0] + 3 * ~above[lost]
+    distance = np.where((PAIRS == lost).any(axis=1) | (above[PAIRS[:, 0]] != above[PAIRS[:, 1]]), 1.0, 0.0)
+    alone = dataclasses.replace(ALL, distance=np.repeat(distance[:, None], 2, axis=1).astype(np.float32))
+    parts = families_of(with_values(values), alone)
+    assert parts.components[-1] == parts.merged == 1
+    others = np.arange(400) != lost
+    assert {parts.values[lost]} == {*parts.values[others & (above != above[lost])]}
+
+
 def labels_of(problem, folder, monkeypatch):
     """A database of ``problem``, and the families that are found in it."""
     monkeypatch.setenv("PATH", "")  # no compiler
@@ -93,3 +108,21 @@ def test_turning_left_and_right_are_found_without_being_declared(tmp_path, monke
 def test_a_linear_quadratic_problem_has_one_family(tmp_path, monkeypatch):
     _, labels = labels_of(LINEAR_QUADRATIC, tmp_path, monkeypatch)
     assert labels.k == 1
+
+
+@pytest.mark.parametrize("families", [1, 2])
+def test_where_scouts_are_one_family_the_others_are_not_compared(monkeypatch, families):
+    samples = with_values(P[:, 0] + (3 * (P[:, 0] > 0.5) if families == 2 else 0))
+    compared = []
+
+    def continued(of, kept, neighbours, executor):
+        compared.append(len(of))
+        pairs = neighbour_pairs(of.problem.parameters, of.parameters, neighbours)
+        return Continuation(pairs, *(np.zeros((len(pairs), 2), kind) for kind in (np.float32, np.float32, np.int32)))
+
+    monkeypatch.setattr(clustering, "SCOUTS", 200)
+    monkeypatch.setattr(clustering, "continued", continued)
+    labels = cluster(samples, "continuation")
+    assert (labels.k, len(labels)) == (families, 400)
+    assert compared == ([200] if families == 1 else [200, 400])
+    assert ("scouts" in labels.settings) == (families == 1)

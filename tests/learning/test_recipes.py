@@ -9,7 +9,8 @@ from moe_policy.learning.recipes import FORMS, PRINCIPAL_COMPONENTS, make
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.networks import ARGMAX, MixtureOfExperts, SingleNetwork, Softmax
-from tests.synthetic import FakeDatabase, fake_samples
+from tests.synthetic import FakeDatabase, fake_samples, flights
+from tests.trainings import equal, weights
 
 QUICK = TrainingSettings(epochs=3)
 SAMPLES = fake_samples(count=150, modes=3)
@@ -63,6 +64,19 @@ def test_where_continuation_finds_one_family_moe_auto_is_the_single_network(monk
     auto, single = (make(name, SAMPLES, settings=QUICK) for name in ("moe-auto", "snn"))
     assert auto.name == "moe-auto"
     np.testing.assert_array_equal(auto(SAMPLES.parameters).flat(), single(SAMPLES.parameters).flat())
+
+
+def test_one_family_round_path_constraints_is_split_by_their_sides(monkeypatch):
+    samples = flights(40)
+    one = Labels(np.zeros(len(samples), dtype=int), ("family 0",), "continuation")
+    sides = Labels(np.arange(len(samples)) % 2, ("side 0", "side 1"), "reaction")
+    monkeypatch.setattr(recipes, "cluster", lambda _, method, **__: {"continuation": one, "reaction": sides}[method])
+    auto, by_sides = (
+        make(name, samples, settings=TrainingSettings(epochs=2)) for name in ("moe-auto", "moe-reaction-2")
+    )
+    assert (auto.name, by_sides.name) == ("moe-auto", "moe-reaction-2")
+    assert auto.details["clusters"]["together"] == recipes.TOGETHER
+    assert equal(weights(auto), weights(by_sides))
 
 
 def test_joint_training_knows_no_clusters_and_retraining_begins_with_the_custom_mixture():

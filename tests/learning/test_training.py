@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from moe_policy.experiments.seeds import Training
 from moe_policy.learning.architectures import Architecture, Experts
 from moe_policy.learning.checkpoint import Checkpoint, CheckpointError
 from moe_policy.learning.clustering import Labels, cluster
@@ -226,3 +227,22 @@ def test_checkpoints_of_another_training_are_refused(samples, tmp_path):
 def test_a_loss_that_explodes_is_an_error(samples):
     with pytest.raises(FloatingPointError, match="lower learning_rate"):
         fit_single(samples, settings=TrainingSettings(epochs=200, learning_rate=1e30))
+
+
+def test_experts_that_begin_together_know_what_all_samples_share(samples):
+    labels, few = cluster(samples, "custom"), TrainingSettings(epochs=2, learning_rate=1e-9)
+    planner = fit_mixture(samples, labels, settings=few, together=0.5)
+    single = fit_single(samples, settings=dataclasses.replace(few, epochs=1), sizes=(2, 20, planner.outputs.mean.size))
+    for expert in planner.expert_planners():
+        # with so low a rate, experts hardly move from where they begin
+        np.testing.assert_allclose(expert(samples.parameters).flat(), single(samples.parameters).flat(), atol=1e-3)
+    assert [part.name for part in planner.report.parts] == ["gate", "expert 0", "expert 1", "shared 0"]
+    assert [part.epochs for part in planner.report.parts] == [2, 1, 1, 1]
+    assert planner.details["clusters"]["together"] == 0.5
+    assert len(Training.of(planner).part_test_errors) == 2
+
+
+@pytest.mark.parametrize("together", [1.0, 0.01, -0.5])
+def test_experts_cannot_be_together_for_all_epochs_or_none(samples, together):
+    with pytest.raises(ValueError, match="together"):
+        fit_mixture(samples, cluster(samples, "custom"), settings=QUICK, together=together)

@@ -123,6 +123,7 @@ NEEDING_DATA = [
     ("compare_training", "training"),
     ("choose_clusters", "training"),
     ("find_families", "training"),
+    ("compare_borders", "training"),
     ("explain_failures", "training"),
     ("report_data", "training"),
 ]
@@ -386,6 +387,32 @@ def test_find_families_goes_on(data, script, run, tmp_path, capsys):
     with pytest.raises(SystemExit):
         run(module, *arguments, "--over", "theta", "speed")
     assert "has no parameters ['speed']; there are ['theta', 'omega']" in capsys.readouterr().err
+
+
+def test_compare_borders_goes_on(data, script, run, monkeypatch, tmp_path):
+    module = script("compare_borders")
+    whole, cases = module.benchmark_of(PENDULUM), ocp_envs.sample(PENDULUM, seed=1, n=6)
+    training = dataclasses.replace(whole.training, settings=QUICK)
+    monkeypatch.setattr(module, "benchmark_of", lambda problem: dataclasses.replace(whole, training=training))
+    monkeypatch.setattr(module, "at_the_discontinuity", lambda *_: cases[:2])
+    (tmp_path / "data" / PENDULUM.id).mkdir(parents=True)
+    (tmp_path / "data" / PENDULUM.id / "training.zarr").symlink_to(data / PENDULUM.id / "training.zarr")
+    arguments = ("--data", tmp_path / "data", "--results", tmp_path, "--seeds", 2, "--workers", 1)
+    run(module, *arguments)
+    record = read(tmp_path / f"borders_{PENDULUM.id}.json")
+    assert (record["cases"], record["margin"]) == ({"uniform": 1000, "boundary": 2}, 0.1)
+    assert [row["name"] for row in record["rows"]] == list(module.VARIANTS)
+    assert sum(record["families"]) == record["samples"]
+    monkeypatch.setattr(module.Mixtures, "planners", None)
+    run(module, *arguments)
+    assert read(tmp_path / f"borders_{PENDULUM.id}.json")["rows"] == record["rows"]
+
+
+@pytest.mark.parametrize("name", ["compare_borders", "choose_partition"])
+def test_a_problem_for_which_an_experiment_is_not_declared_is_refused(name, data, script, run, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        run(script(name), "--env", "Quadcopter-v0", "--data", tmp_path, "--results", tmp_path)
+    assert "Quadcopter-v0" in capsys.readouterr().err
 
 
 def test_numbers_of_clusters_must_be_declared(script, run, capsys):

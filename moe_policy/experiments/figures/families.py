@@ -1,4 +1,4 @@
-"""Solution families over two parameters, and how much more the second best declared family costs."""
+"""Solution families over two parameters, and how much more the second best one costs."""
 
 from __future__ import annotations
 
@@ -11,23 +11,29 @@ from moe_policy.experiments.figures.style import Axes, Figure, cluster_color, sa
 from moe_policy.learning.graph_cuts import Parts
 from ocp_envs.data.samples import Samples
 from ocp_envs.sets.discontinuity import relative_cost_difference
+from ocp_envs.support.arrays import Array
 
 #: Range of the cost gap that is told apart by colour.
 _GAP = (1e-3, 1.0)
 
 
 def families_figure(
-    path: str | Path, samples: Samples, parts: Parts, names: Sequence[str] | None = None, shown: int = 20_000
+    path: str | Path,
+    samples: Samples,
+    parts: Parts,
+    costs: Array | None = None,
+    names: Sequence[str] | None = None,
+    shown: int = 20_000,
 ) -> Path:
     """Two panels over the parameters called ``names``, by default the first two, with the first ``shown`` samples.
 
-    Left: the ``parts`` of ``samples``. Right, where several declared families are stored: their relative cost gap
-    (J_second − J_best) / |J_best|, grey where a single one is known.
+    Left: the ``parts`` of ``samples``. Right, where the ``costs`` (M, k) of the families are given, +inf where they are
+    unknown: the relative cost gap (J_second − J_best) / |J_best|, grey where a single one is known.
     """
     box, few = samples.problem.parameters, samples[:shown]
     first, second = (box.names.index(name) for name in names or box.names[:2])
     x, y = few.parameters[:, first], few.parameters[:, second]
-    gap = relative_cost_difference(few.mode_costs)
+    gap = np.full(len(few), np.inf) if costs is None else relative_cost_difference(costs[:shown])
     known = np.isfinite(gap)
 
     def draw(figure: Figure) -> None:
@@ -47,7 +53,7 @@ def families_figure(
                 x[known], y[known], c=np.clip(gap[known], *_GAP), norm=LogNorm(*_GAP), cmap="viridis", s=5, linewidths=0
             )
             figure.colorbar(shade, ax=axes[1], label="(second best − best) / best cost")
-            axes[1].set_title("cost gap of the declared families")
+            axes[1].set_title("cost gap between the families")
         for ax in axes:
             _name(ax, samples, first, second)
 
