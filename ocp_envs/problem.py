@@ -325,7 +325,7 @@ class OptimalControlProblem:
         inequalities, equalities = self.formulation.mixed(*self.symbols())
         return int(inequalities.shape[0]), int(equalities.shape[0])
 
-    @property
+    @cached_property
     def constrained(self) -> bool:
         """Whether there are constraints on the path."""
         return bool(self.n_clearances or sum(self.n_mixed))

@@ -110,9 +110,8 @@ class Plant:
         return np.asarray((error < problem.goal.radius) & (self.earliest[rows] == 0))
 
     def terminal_cost(self, rows: Bools) -> Array | float:
-        """φ at the present states of the ``rows`` (rows,) whose episodes end, 0 in the others; 0 without φ."""
-        problem = self.options.problem
-        if problem.terminal_cost is None or not rows.any():
+        """φ at the present states of the ``rows`` (rows,) whose episodes end, 0 in the others."""
+        if not rows.any():
             return 0.0
         (cost,) = self.options.simulator.problem.batch_terminal_cost()(self.step.state, self.step.context)
         return np.where(rows, cost[:, 0], 0.0)

@@ -226,7 +226,9 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         """Charge the ``moving`` rows that left the box, and note which episodes ended; ``invalid`` actions are NaN."""
         step, options = self._plant.step, self.options
         self._steps += moving
-        reached = (step.reached > 0) & moving & (self._steps >= self._plant.earliest)
+        reached = (step.reached > 0) & moving
+        if self.problem.fixed_time:
+            reached &= self._steps >= self._plant.earliest
         left_box = (step.left_box > 0) & moving
         cost = np.where(moving, step.cost, 0.0)
         if left_box.any():
@@ -236,7 +238,8 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         self._terminated |= terminated
         truncated = moving & ~terminated & (self._steps >= options.max_steps)
         self._truncated |= truncated
-        cost = cost + self._plant.terminal_cost((terminated & ~left_box) | truncated)
+        if self.problem.terminal_cost is not None:
+            cost = cost + self._plant.terminal_cost((terminated & ~left_box) | truncated)
         violation = step.violation.copy() if self.problem.constrained else None
         return Outcome(self.parameters, reached, cost, left_box, violation, invalid & moving)
 
