@@ -229,3 +229,19 @@ def test_plans_keep_clear_between_knots_where_they_are_asked_to(points):
     at_knots, between = deepest(_over_a_peak(1)), deepest(_over_a_peak(points))
     assert at_knots > 0.5
     assert between < 0.6 * at_knots
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("least time", "within 0.05 of the goal (x = 0, v = 0) or outside"),
+        ("one final value is free", "within 1 of the goal (x = 0) at the given time or outside"),
+        ("one final value is in a range", "(−3 ≤ x ≤ 1, v = 0)"),
+        ("alternative goals", "(x = −5, v = 0, or x = 3, v = 0)"),
+        ("a goal in p", "(x = 0, v = 0 in the middle of the box, a function of the context)"),
+        ("a final equality", "(any state, with 2 final constraints)"),
+        ("a terminal cost alone", "Minus 0, and minus φ at the end of the episode."),
+    ],
+)
+def test_what_was_declared_is_described(name, text):
+    assert text in ocp_envs.describe(CASES[name][0])
