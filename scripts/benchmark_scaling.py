@@ -24,6 +24,8 @@ from ocp_envs.support.provenance import provenance
 #: Sizes of the batches, and the one with which workers are compared.
 BATCHES = {"steps": (1, 8, 64, 512, 4096, 32768), "plans": (1, 8, 64, 512, 4096), "solves": (1, 4, 16, 64)}
 OF_WORKERS = {"steps": 4096, "plans": 4096, "solves": 16}
+#: Rounds in which workers are compared.
+ROUNDS = 3
 
 
 @contextmanager
@@ -55,13 +57,14 @@ def main() -> None:
             batches.append(row)
             cli.say(f"{case[1]}: " + ", ".join(f"{rate:,.0f} {case[0]}/s ({b})" for b, rate in row.per_second.items()))
         for case in cases:
-            together = worker_row(pools, *case, OF_WORKERS[case[0]], seconds)
+            together = worker_row(pools, *case, OF_WORKERS[case[0]], seconds, ROUNDS)
             workers.append(together)
             shown = ", ".join(f"{ratio:.2f} ({name})" for name, ratio in together.ratio_to_one.items())
             cli.say(f"{case[1]}: {case[0]} of workers / of one: {shown}")
     record = Scaling(
         planner=PLANNER,
         seconds=seconds,
+        rounds=ROUNDS,
         batches=tuple(batches),
         workers=tuple(workers),
         provenance=provenance(),

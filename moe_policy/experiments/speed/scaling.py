@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, wait
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -56,10 +56,14 @@ class WorkerRow(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Scaling(Record):
-    """Rates against the size of the batch, and against the workers; ``seconds`` that each of them was measured."""
+    """Rates against the size of the batch, and against the workers.
+
+    Each was measured for ``seconds``, those of workers in so many interleaved ``rounds``.
+    """
 
     planner: str
     seconds: float
+    rounds: int
     batches: tuple[BatchRow, ...]
     workers: tuple[WorkerRow, ...]
     provenance: Provenance
@@ -143,18 +147,19 @@ def line_through(seconds: Mapping[int, float]) -> tuple[float, float]:
 
 
 def worker_row(
-    executors: Mapping[str, tuple[Executor, int]], quantity: str, env_id: str, batch: int, seconds: float
+    executors: Mapping[str, tuple[Executor, int]], quantity: str, env_id: str, batch: int, seconds: float, rounds: int
 ) -> WorkerRow:
     """The rates of ``quantity`` by name of ``executors``, the first with one worker: each with its number of workers.
 
-    Every worker measures for ``seconds`` in batches of ``batch``, all of an executor at the same time.
+    Every worker measures for ``seconds`` in batches of ``batch``, all of an executor at the same time. Executors take
+    turns, and the medians of ``rounds`` count.
     """
-    total = {}
-    for name, (executor, count) in executors.items():
-        for duration in (0.0, seconds):  # the first time it starts processes and imports
-            futures = [executor.submit(rates, quantity, env_id, [batch], duration) for _ in range(count)]
-            wait(futures)
-        total[name] = sum(future.result()[batch] for future in futures)
+    found: dict[str, list[float]] = {name: [] for name in executors}
+    for _ in range(rounds + 1):
+        for name, (executor, count) in executors.items():
+            futures = [executor.submit(rates, quantity, env_id, [batch], seconds) for _ in range(count)]
+            found[name].append(sum(future.result()[batch] for future in futures))
+    total = {name: float(np.median(each[1:])) for name, each in found.items()}  # the first one starts processes
     first = next(iter(total.values()))
     ratio = {name: rate / first for name, rate in total.items()}
     return WorkerRow(env_id=env_id, quantity=quantity, batch=batch, per_second=total, ratio_to_one=ratio)
