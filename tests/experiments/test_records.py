@@ -31,7 +31,9 @@ from moe_policy.experiments.speed.environments import EnvironmentSpeed, RolloutS
 from moe_policy.experiments.speed.exports import Exports
 from moe_policy.experiments.speed.generation import GenerationSpeed
 from moe_policy.experiments.speed.peers import Peers
+from moe_policy.experiments.speed.scaling import Scaling
 from moe_policy.experiments.speed.solver import SolverSpeed
+from moe_policy.experiments.speed.training import TrainingSpeed
 from moe_policy.experiments.splits import SplitComparison
 from ocp_envs.support.provenance import Provenance, provenance, write_json
 
@@ -62,7 +64,9 @@ TYPES: dict[str, type[Record]] = {
     "benchmark_peers.json": Peers,
     "benchmark_planning_*": Latency,
     "benchmark_rollout_*": RolloutSpeed,
+    "benchmark_scaling.json": Scaling,
     "benchmark_solver_*": SolverSpeed,
+    "benchmark_training.json": TrainingSpeed,
     "compare_[GPQ]*": Comparison,
     "compare_trained_*": Comparison,
     "compare_training_*": TrainingComparison,
