@@ -17,7 +17,7 @@ from ocp_envs.feasibility import infeasible_rows
 from ocp_envs.points import points_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of
-from ocp_envs.solvers.fidelity import INTERVAL_TOLERANCE, fidelity
+from ocp_envs.solvers.fidelity import fidelity
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.checks import check_whole
@@ -166,9 +166,7 @@ def _steps(optima: Optima) -> Iterator[Finding]:
     for fault in found.faults:
         yield Finding("between knots", "look", fault)
     if not found.faults:
-        text = f"intervals are accurate to {found.largest_error:.1g} of the scales (tolerance {INTERVAL_TOLERANCE:g})"
-        depth = f", constraints are entered by at most {found.largest_depth:.2g}" if len(found.range) else ""
-        yield Finding("between knots", "well", text + depth)
+        yield Finding("between knots", "well", found.text)
 
 
 def _families(optima: Optima) -> Iterator[Finding]:

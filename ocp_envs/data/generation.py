@@ -150,7 +150,9 @@ def _finish(database: Database, settings: GenerationSettings, seed: int, workers
         begun = database.present()[chunks].all()
         run(tasks(database, settings, seed, chunks))
         if chunks.start == 0 and not begun:  # once, as early as there are solutions
-            fidelity_of(database).warn(_CALLER)
+            measured = fidelity_of(database)
+            measured.warn(_CALLER)
+            bar.say(f"{database.problem.id}: {measured.text}")
 
 
 def fidelity_of(database: Database, count: int = 20) -> Fidelity:

@@ -61,6 +61,15 @@ class Fidelity:
         """What exceeds its tolerance, and what to do, in a sentence each."""
         return (*self._inaccurate(), *self._deep())
 
+    @property
+    def text(self) -> str:
+        """What was measured, in a sentence."""
+        if not len(self.error):
+            return "no solution was measured"
+        told = f"on {len(self.error)} solutions intervals are accurate to {self.largest_error:.1g} of the scales"
+        told += f" (tolerance {INTERVAL_TOLERANCE:g})"
+        return told + (f", and clearances are entered by at most {self.largest_depth:.2g}" if len(self.range) else "")
+
     def warn(self, level: int) -> None:
         """Warn of each of the faults, as from the function that is ``level`` above the caller."""
         for fault in self.faults:

@@ -329,6 +329,7 @@ def test_where_progress_is_shown_a_probe_and_the_time_left_are_told(tmp_path, un
     told = capsys.readouterr().err
     assert told.startswith("DoubleIntegrator-v0: probe of 5 instances: 5 SOLVED; ")
     assert re.search(r"; about \d+ s for 60 instances with \d+ workers", told)
+    assert "DoubleIntegrator-v0: on 20 solutions intervals are accurate to " in told
     silent = generate(DOUBLE_INTEGRATOR, tmp_path / "silent", p, **how)
     assert capsys.readouterr().err == ""
     assert silent.digest() == shown.digest()  # a probe changes nothing

@@ -56,6 +56,7 @@ def test_the_depth_between_knots_is_measured():
     trajectory = Trajectory(states, np.zeros((1, last, 1)), np.ones(1))
     found = fidelity(WALLED_INTEGRATOR, np.array([[2.1, 0.0]]), trajectory)
     assert found.largest_depth == pytest.approx(0.08)
+    assert found.text.endswith("of the scales (tolerance 0.01), and clearances are entered by at most 0.08")
     assert "1 of 1 solutions enter clearance 0 by up to" in found.faults[0]
     with pytest.warns(UserWarning, match="WalledIntegrator-v0: between the points"):
         found.warn(0)
@@ -86,3 +87,4 @@ def test_there_may_be_no_solution():
     found = fidelity(DOUBLE_INTEGRATOR, np.empty((0, 2)), nothing)
     assert found.faults == ()
     assert np.isnan(found.largest_error)
+    assert found.text == "no solution was measured"
