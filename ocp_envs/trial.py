@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 class Functions:
     """ẋ, L and h of a problem as one column ``values`` of the symbols ``x``, ``u`` and ``s``, with a name for each.
 
-    ``ends`` is what the goal, the duration and the initial values say, in ``x`` and ``s``. ``read`` are the names of
-    the constants that the declaration reads.
+    The first ``on_path`` of them matter along trajectories, the others, φ, only where they end. ``ends`` is what the
+    goal, the duration and the initial values say, in ``x`` and ``s``. ``read`` are the names of the constants that the
+    declaration reads.
     """
 
     names: tuple[str, ...]
@@ -39,6 +40,7 @@ class Functions:
     s: Expression
     values: Expression
     ends: Expression
+    on_path: int
     read: frozenset[str]
 
     @classmethod
@@ -53,13 +55,14 @@ class Functions:
         for name, part in {"clearance": parts[1], **others}.items():
             names += [f"{name}: component {i}" for i in range(part.shape[0])]
         parts += others.values()
+        on_path = len(names)
         if problem.terminal_cost is not None:
             names.append("terminal_cost")
             parts.append(formulation.terminal_cost_of(x, context, constants))
         ends = [problem.terminal.expression(x, s), formulation.durations(s)]
         if callable(problem.rest):
             ends.append(formulation.rest(s))
-        return cls(tuple(names), x, u, s, ca.vertcat(*parts), ca.vertcat(*ends), formulation.constants_read)
+        return cls(tuple(names), x, u, s, ca.vertcat(*parts), ca.vertcat(*ends), on_path, formulation.constants_read)
 
     def evaluate(self, *sets: Points) -> list[tuple[Array, Array]]:
         """Values (M, m) and derivatives with respect to (x, u), (M, m, nx + nu), at each set of points."""
@@ -168,7 +171,8 @@ def check(problem: OptimalControlProblem, nominal: bool = True) -> None:
     sets = points_of(problem)
     (at_goal, derivatives), *others = functions.evaluate(*sets)
     check_values(problem, functions, at_goal, sets[0])
-    finite = check_values(problem, functions, others[0][0], sets[1])
+    at_starts, in_box = (values[:, : functions.on_path] for values, _ in others)
+    finite = check_values(problem, functions, at_starts, sets[1])
     if not nominal:
         return
     check_derivatives(problem, functions, derivatives, sets[0])
@@ -182,4 +186,4 @@ def check(problem: OptimalControlProblem, nominal: bool = True) -> None:
     if problem.symmetry is not None:
         problem.symmetry.check_invariance(problem)
     warn_of_values(problem, functions, finite, sets[1])
-    warn_of_values(problem, functions, np.isfinite(others[1][0]), sets[2])
+    warn_of_values(problem, functions, np.isfinite(in_box), sets[2])

@@ -13,7 +13,8 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.trajectory import Trajectory
 
-#: "line": straight in state space, with the control that keeps the system at the goal. "rollout": the motion under
+#: "line": straight in state space, with the control that keeps the system at the goal; coordinates whose final value is
+#: free follow the equation of motion, so that a clock, or an integral, is right. "rollout": the motion under
 #: random controls. "drift": such a motion with a linear drift added, so that it ends at the target. "bend": the line
 #: with half a sine wave added to every coordinate, whose height is normally distributed with a standard deviation of
 #: two scales, to pass an obstacle on all sides.
@@ -58,16 +59,18 @@ def guesses(
     initial, contexts = problem.start(parameters)
     shortest, longest = problem.durations(contexts).T
     duration = shortest + (longest - shortest) * rng.uniform(0.5, 0.75, len(parameters))
-    targets = problem.terminal.nearest(initial, contexts)[np.arange(len(parameters)), windings]
     if kind in ("line", "bend"):
+        targets = _targets(problem, initial, contexts, windings)
         states = initial[:, None] + _progress(problem) * (targets - initial)[:, None]
         if kind == "bend":
             states = _bent(problem, states, rng, np.full(len(states), _BEND))
-        return Trajectory(states, np.repeat(_held(problem, contexts)[:, None], problem.knots - 1, axis=1), duration)
+        held = _held(problem, contexts)
+        states = _with_free_coordinates(problem, states, held, contexts, duration, windings)
+        return Trajectory(states, np.repeat(held[:, None], problem.knots - 1, axis=1), duration)
     controls = _random_controls(problem, contexts, rng)
     states = _rollout(problem, parameters, controls, duration)
     if kind == "drift":
-        states = _drifted(problem, states, targets)
+        states = _drifted(problem, states, _targets(problem, states[:, -1], contexts, windings))
     return Trajectory(states, controls, duration)
 
 
@@ -108,6 +111,37 @@ def bends_of(
     states = np.where(solved[:, None, None], solutions.states, lines.states)
     states = _bent(problem, states, rng, np.where(solved, _BEND_OF_SOLUTION, _BEND))
     return dataclasses.replace(lines.replaced(solved, solutions[solved]), states=states)
+
+
+def _targets(problem: OptimalControlProblem, near: Array, contexts: Array, windings: NDArray[np.integer]) -> Array:
+    """The state nearest to ``near`` (B, nx) in the target of each winding in ``contexts`` (B, nc), (B, nx)."""
+    return np.asarray(problem.terminal.nearest(near, contexts)[np.arange(len(near)), windings])
+
+
+def _with_free_coordinates(
+    problem: OptimalControlProblem,
+    states: Array,
+    held: Array,
+    contexts: Array,
+    duration: Array,
+    windings: NDArray[np.integer],
+) -> Array:
+    """``states`` (B, N, nx) in which coordinates that are free at the end follow the equation of motion from the first.
+
+    The others stay. The controls are ``held`` (B, nu), in ``contexts`` (B, nc), over the ``duration`` (B,), to the
+    targets of the ``windings`` (B,).
+    """
+    lower, upper = (side[np.arange(len(states)), windings] for side in problem.terminal.bounds(contexts))
+    free = np.isinf(lower) & np.isinf(upper)
+    if not free.any():
+        return states
+    box, rate, following = problem.planned_states, problem.batch_rate(), states.copy()
+    step = (duration / (problem.knots - 1))[:, None]
+    for k in range(problem.knots - 1):
+        slope, _ = rate(following[:, k], held, contexts)
+        moved = following[:, k] + step * np.where(np.isfinite(slope), slope, 0.0)
+        following[:, k + 1] = np.where(free, np.clip(moved, box.lower, box.upper), states[:, k + 1])
+    return following
 
 
 def _progress(problem: OptimalControlProblem) -> Array:
