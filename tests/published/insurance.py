@@ -53,4 +53,4 @@ PROBLEM = OptimalControlProblem(
     goal=Goal(lambda s, c: [FREE, FREE, c.premium, FREE]),
     duration=(10.0, 10.0), knots=201, substeps=1, hold=0.0, time_limit=10.0,
 )  # fmt: skip
-CASE = Case(PROBLEM, [0.5], -2.0592143)
+CASE = Case(PROBLEM, [0.5425], -2.0592143)
