@@ -23,6 +23,7 @@ from moe_policy.experiments.latency import Latency
 from moe_policy.experiments.learners import LearnerTraining, Search
 from moe_policy.experiments.overview import OverviewTable
 from moe_policy.experiments.paper_tables import SummaryTable, TrainingTable
+from moe_policy.experiments.partitions import Partitions
 from moe_policy.experiments.quality import Quality
 from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from moe_policy.experiments.robustness import Robustness
@@ -42,6 +43,7 @@ FILES = sorted(path.name for path in RESULTS.glob("*.json"))
 #: What each file in ``results/`` is, by the pattern of its name; a file has exactly one.
 TYPES: dict[str, type[Record]] = {
     "borders_*": Borders,
+    "partitions_*": Partitions,
     "clusters_*": ClusterChoice,
     "data_quality_*": Quality,
     "generation_*": Generation,
