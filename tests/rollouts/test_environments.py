@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 
 import ocp_envs
 from moe_policy.control.stabiliser import Stabiliser
+from moe_policy.control.weights import TrackingWeights
 from moe_policy.rollouts.environments import base_of, environments
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.problems.pendulum import PENDULUM
@@ -18,9 +19,10 @@ def test_a_problem_need_not_be_registered():
     problem = replace(PENDULUM, id="NeverRegistered-v0")
     envs = environments(problem, 3)
     assert envs.problem is problem
-    p = np.array([[0.1, 0.0], [1.0, 0.5], [2.0, -0.5]])
+    p, weights = np.array([[0.1, 0.0], [1.0, 0.5], [2.0, -0.5]]), TrackingWeights.uniform(PENDULUM)
     ours, registered = (
-        rollout(each, Stabiliser(each.problem), p, record=True) for each in (envs, environments(PENDULUM, 3))
+        rollout(each, Stabiliser(each.problem, weights=weights), p, record=True)
+        for each in (envs, environments(PENDULUM, 3))
     )
     np.testing.assert_array_equal(ours.states, registered.states)
 
