@@ -1,6 +1,7 @@
 """Goddard's rocket climbs as high as it can: a singular arc.
 
-COPS 3, problem 10, and OptimalControlProblems.jl, rocket: 1.01284; ``rel`` is 0.1 % of the height above ground.
+COPS 3, problem 10, and OptimalControlProblems.jl, rocket: 1.012837 with 500 intervals. Declared is the climb,
+0.012837: with the constant 1 in the cost, the solver's tolerance is 0.4 % of it.
 """
 
 import casadi as ca
@@ -33,13 +34,13 @@ PROBLEM = OptimalControlProblem(
     ),
     parameters=Box((Coordinate("drag", 200.0, 400.0),)),
     cost_rate=None,
-    terminal_cost=lambda x, s, c: -x[0],
+    terminal_cost=lambda x, s, c: 1 - x[0],
     rest=[1.0, 0.0, 1.0],
     goal=Goal([FREE, FREE, 0.6], radius=0.01),
     duration=(0.05, 0.5),
-    knots=201,
+    knots=101,
     substeps=1,
     hold=0.0,
     time_limit=0.5,
 )
-CASE = Case(PROBLEM, [310.0], -1.012837, rel=1.3e-5)
+CASE = Case(PROBLEM, [310.0], -0.012837)

@@ -1,8 +1,13 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
+from ocp_envs.goal import FREE, Goal
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.solvers.guesses import bends_of, guesses
+from ocp_envs.system import Box, Coordinate, System
+from tests.small_problems import DOUBLE_INTEGRATOR
 from tests.solvers.programs import DISC
 
 
@@ -45,3 +50,24 @@ def test_bends_of_a_solution_keep_its_ends_controls_and_duration():
     height = (bent.states - base)[:, DISC.knots // 2, 0]
     assert height[solved].std() < 0.7 * height[~solved].std()
     assert DISC.system.state.contains(bent.states).all()
+
+
+def test_coordinates_that_end_free_follow_the_motion_in_lines_and_bends():
+    """A clock is right at every knot, and the other coordinates are those of the line to the goal."""
+    system = System(
+        name="mass with a clock",
+        state=Box((*DOUBLE_INTEGRATOR.system.state.coordinates, Coordinate("t", 0.0, 20.0, "s"))),
+        control=DOUBLE_INTEGRATOR.system.control,
+        constants={"mass": 1.0},
+        dynamics=lambda x, u, c: [x[1], u[0] / c.mass, 1],
+    )
+    clocked = dataclasses.replace(
+        DOUBLE_INTEGRATOR, system=system, goal=Goal([0, 0, FREE]), hold=0.0, rest=[0, 0, 0], id="Clocked-v0"
+    )
+    p, winding = np.array([[2.0, 0.5], [-3.0, 0.0]]), np.zeros(2, int)
+    line = guesses(clocked, p, winding, np.random.default_rng(0), "line")
+    bent = guesses(clocked, p, winding, np.random.default_rng(0), "bend")
+    for plans in (line, bent):
+        times = np.linspace(0.0, 1.0, clocked.knots) * plans.duration[:, None]
+        np.testing.assert_allclose(plans.states[:, :, 2], times, atol=1e-12)
+        np.testing.assert_allclose(plans.states[:, -1, :2], 0.0, atol=1e-12)

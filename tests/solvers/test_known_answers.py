@@ -245,3 +245,18 @@ def test_plans_keep_clear_between_knots_where_they_are_asked_to(points):
 )
 def test_what_was_declared_is_described(name, text):
     assert text in ocp_envs.describe(CASES[name][0])
+
+
+def test_a_terminal_cost_need_not_be_finite_where_trajectories_begin():
+    """The mean power over the time, which is 0 / 0 at the beginning."""
+    box = Box((*STRONG.state.coordinates, Coordinate("t", 0.0, 20.0, "s"), Coordinate("energy", 0.0, 50.0, "J")))
+    system = dataclasses.replace(STRONG, state=box, dynamics=lambda x, u, c: [x[1], u[0] / c.mass, 1, u[0] ** 2])
+    mean = problem(
+        system=system,
+        cost_rate=None,
+        terminal_cost=lambda x, s, c: x[3] / x[2],
+        goal=Goal([0, 0, FREE, FREE]),
+        duration=(5.0, 5.0),
+        rest=[0.0] * 4,
+    )
+    assert ocp_envs.solve(mean, [4.0], starts=1).cost == pytest.approx(12 * 16 / 125 / 5, rel=2e-3)
