@@ -28,11 +28,13 @@ from ocp_envs.envs.simulation import Step as Step
 from ocp_envs.envs.vector_env import VectorEnv as VectorEnv
 from ocp_envs.expressions import Names as Names
 from ocp_envs.formulation import Formulation as Formulation
+from ocp_envs.functions import BatchFunctions as BatchFunctions
 from ocp_envs.goal import FREE as FREE
 from ocp_envs.goal import Between as Between
 from ocp_envs.goal import Goal as Goal
 from ocp_envs.goal import Modes as Modes
 from ocp_envs.goal import winding_modes as winding_modes
+from ocp_envs.horizon import Horizon as Horizon
 from ocp_envs.parameters import OutsideBoxError as OutsideBoxError
 from ocp_envs.parameters import Parametrisation as Parametrisation
 from ocp_envs.picture import Ball as Ball

@@ -25,9 +25,9 @@ def checked_dt(problem: OptimalControlProblem, dt: object) -> float:
     seconds = fields.real(problem.id, "dt", dt)
     if not 0 < seconds < math.inf:
         raise ValueError(f"{problem.id}: dt must be a positive number of seconds, got {dt}")
-    if seconds > problem.longest:
+    if seconds > problem.horizon.longest:
         raise ValueError(
-            f"{problem.id}: dt must be at most the longest duration of a plan, {problem.longest:g} s, got "
+            f"{problem.id}: dt must be at most the longest duration of a plan, {problem.horizon.longest:g} s, got "
             f"{seconds:g}; dt is in seconds"
         )
     return seconds

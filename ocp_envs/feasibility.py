@@ -29,7 +29,7 @@ def infeasible_rows(problem: OptimalControlProblem, parameters: Array, goal: boo
     reasons = _outside_box(problem, initial)
     if not problem.n_clearances:
         return reasons
-    (clearance,) = problem.batch_clearances()(initial, contexts)
+    (clearance,) = problem.functions.clearances()(initial, contexts)
     _add(reasons, clearance, "knot 0, the initial state")
     if goal and problem.terminal.fixed.all():
         targets = np.moveaxis(problem.terminal.nearest(initial, contexts), 1, 0)

@@ -29,15 +29,15 @@ def _further(problem: OptimalControlProblem, contexts: Array) -> list[object]:
         ends = [*terminal.bounds(contexts), terminal.error(x, contexts), terminal.controls(contexts)]
         parts += [["goal", *map(_digits, ends)]]
     if problem.terminal_cost is not None:
-        parts += [["terminal_cost", _digits(problem.batch_terminal_cost()(x, contexts)[0])]]
+        parts += [["terminal_cost", _digits(problem.functions.terminal_cost()(x, contexts)[0])]]
     if sum(problem.n_mixed):
-        parts += [["mixed", *map(_digits, problem.batch_mixed()(x, u, contexts))]]
+        parts += [["mixed", *map(_digits, problem.functions.mixed()(x, u, contexts))]]
     if problem.planned:
         parts += [["planned", *sorted(problem.planned.items())]]
     if problem.clearance_points > 1:
         parts += [["clearance_points", problem.clearance_points]]
-    if not problem.numeric_duration:
-        parts += [["duration", _digits(problem.durations(contexts))]]
+    if not problem.horizon.numeric:
+        parts += [["duration", _digits(problem.horizon.of(contexts))]]
     if callable(problem.parametrisation.rest):
         parts += [["rest", _digits(problem.parametrisation.rest(contexts))]]
     return parts
@@ -51,9 +51,9 @@ def fingerprint(problem: OptimalControlProblem) -> str:
     """
     system, goal, generator = problem.system, problem.goal, np.random.Generator(np.random.Philox(key=20190622))
     x, u, s = (box.draw(generator, 16) for box in (system.state, system.control, problem.context))
-    values = [*problem.batch_rate()(x, u, s)]
+    values = [*problem.functions.rate()(x, u, s)]
     if problem.n_clearances:
-        values += problem.batch_clearances()(x, s)
+        values += problem.functions.clearances()(x, s)
     digits = [[f"{v:.6e}" for v in np.ravel(value)] for value in values]
     boxes = [
         [(c.name, c.lower, c.upper, c.period) for c in box.coordinates]
@@ -61,7 +61,7 @@ def fingerprint(problem: OptimalControlProblem) -> str:
     ]
     windings = goal.windings_of(system.nx).tolist()
     ends = [problem.terminal.states(problem.context.centre[None])[0].tolist(), goal.radius, windings]
-    grid = problem.duration if problem.numeric_duration else (), problem.knots, problem.substeps
+    grid = problem.duration if problem.horizon.numeric else (), problem.knots, problem.substeps
     rest = problem.parametrisation.rest
     text = repr(
         (problem.id, boxes, ends, *grid, [] if callable(rest) else rest.tolist(), digits, *_further(problem, s))

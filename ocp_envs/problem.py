@@ -23,7 +23,6 @@ from types import SimpleNamespace
 
 import casadi as ca
 import cloudpickle
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ocp_envs import trial
@@ -31,12 +30,12 @@ from ocp_envs.declaration import check_parts, checked_fields
 from ocp_envs.distribution import UNIFORM, Distribution
 from ocp_envs.fingerprint import fingerprint
 from ocp_envs.formulation import Formulation
+from ocp_envs.functions import BatchFunctions
 from ocp_envs.goal import SINGLE_MODE, Goal, Modes, OfContext
+from ocp_envs.horizon import Horizon
 from ocp_envs.parameters import Parametrisation
 from ocp_envs.picture import Picture
 from ocp_envs.support.arrays import Array, frozen_array
-from ocp_envs.support.batch import BatchFunction, Linearisation, dense_function
-from ocp_envs.support.kept import kept
 from ocp_envs.symmetry import Symmetry
 from ocp_envs.system import Box, Coordinate, Expression, System
 from ocp_envs.terminal import TerminalSet
@@ -178,32 +177,10 @@ class OptimalControlProblem:
     def _planned(self, box: Box) -> Box:
         return box.narrowed({name: sides for name, sides in (self.planned or {}).items() if name in box.names})
 
-    @property
-    def fixed_time(self) -> bool:
-        """Whether the duration is given."""
-        return self.duration[0] == self.duration[1]
-
-    @property
-    def numeric_duration(self) -> bool:
-        """Whether the bounds of the duration are the same in all contexts."""
-        return not any(callable(bound) for bound in self.duration)
-
     @cached_property
-    def longest(self) -> float:
-        """An upper bound of the durations, seconds: the time limit where they depend on the context."""
-        longest = self.duration[1]
-        return self.time_limit if callable(longest) else float(longest)
-
-    def durations(self, contexts: Array) -> Array:
-        """The shortest and the longest duration in ``contexts`` (B, nc), seconds, (B, 2)."""
-        if self.numeric_duration:
-            return np.broadcast_to(np.array(self.duration, dtype=np.float64), (len(contexts), 2))
-        return np.asarray(self._durations()(contexts)[0])
-
-    @kept
-    def _durations(self) -> BatchFunction:
-        _, _, s = self.symbols()
-        return BatchFunction(dense_function("durations", [s], [self.formulation.durations(s)]))
+    def horizon(self) -> Horizon:
+        """The durations of its trajectories."""
+        return Horizon(self)
 
     @cached_property
     def n_clearances(self) -> int:
@@ -215,15 +192,9 @@ class OptimalControlProblem:
     def parametrisation(self) -> Parametrisation:
         """The map between p and (x_0, s)."""
         rest: Array | OfContext = self.goal.state if self.rest is None else self.rest
-        return Parametrisation(self.id, self.parameters, self.system.state, self._rest if callable(rest) else rest)
-
-    def _rest(self, contexts: Array) -> Array:
-        return np.asarray(self._rest_function()(contexts)[0])
-
-    @kept
-    def _rest_function(self) -> BatchFunction:
-        _, _, s = self.symbols()
-        return BatchFunction(dense_function("rest", [s], [self.formulation.rest(s)]))
+        return Parametrisation(
+            self.id, self.parameters, self.system.state, self.functions.rest_at if callable(rest) else rest
+        )
 
     @property
     def context(self) -> Box:
@@ -276,6 +247,11 @@ class OptimalControlProblem:
         """The functions of the problem as CasADi expressions."""
         return Formulation(self)
 
+    @cached_property
+    def functions(self) -> BatchFunctions:
+        """The functions of the problem on arrays."""
+        return BatchFunctions(self)
+
     def rate(self, x: Expression, u: Expression, s: Expression) -> Expression:
         """(ẋ, L) as one expression, (nx + 1, 1), in columns ``x`` (nx, 1), ``u`` (nu, 1) and ``s`` (nc, 1).
 
@@ -298,27 +274,6 @@ class OptimalControlProblem:
         x, u, s = (ca.SX.sym(name, size) for name, size in sizes)
         return x, u, s
 
-    @kept
-    def batch_rate(self) -> BatchFunction:
-        """The function (x, u, s) → (ẋ (B, nx), L (B, 1))."""
-        x, u, s = self.symbols()
-        rate = self.rate(x, u, s)
-        return BatchFunction(dense_function("rate", [x, u, s], [rate[: self.system.nx], rate[self.system.nx]]))
-
-    @kept
-    def batch_flow(self, substeps: int) -> BatchFunction:
-        """The function (x, u, s, h (B, 1)) → (x⁺ (B, nx), cost (B, 1)) of steps in ``substeps`` Runge-Kutta steps."""
-        (x, u, s), h = self.symbols(), ca.SX.sym("h")
-        return BatchFunction(dense_function("flow", [x, u, s, h], list(self.formulation.flow(x, u, s, h, substeps))))
-
-    @kept
-    def batch_linearisation(self, substeps: int) -> Linearisation:
-        """The function (x, u, s, h (B, 1)) → A (B, nx, nx), B (B, nx, nu), derivatives of ``batch_flow(substeps)``."""
-        (x, u, s), h = self.symbols(), ca.SX.sym("h")
-        following, _ = self.formulation.flow(x, u, s, h, substeps)
-        jacobian = ca.jacobian(following, ca.vertcat(x, u))
-        return Linearisation(BatchFunction(dense_function("linearisation", [x, u, s, h], [jacobian])))
-
     @cached_property
     def n_mixed(self) -> tuple[int, int]:
         """Number of constraints on states and controls, those ≥ 0 and those = 0."""
@@ -330,34 +285,10 @@ class OptimalControlProblem:
         """Whether there are constraints on the path."""
         return bool(self.n_clearances or sum(self.n_mixed))
 
-    @kept
-    def batch_mixed(self) -> BatchFunction:
-        """The function (x, u, s) → constraints on states and controls, those ≥ 0 (B, ng) and those = 0 (B, ne)."""
-        x, u, s = self.symbols()
-        return BatchFunction(dense_function("mixed", [x, u, s], list(self.formulation.mixed(x, u, s))))
-
     @property
     def n_between(self) -> int:
         """Number of path constraints between two knots."""
         return self.n_clearances * (self.clearance_points - 1)
-
-    @kept
-    def batch_between(self) -> BatchFunction:
-        """The function (x, u, s, h (B, 1)) → path constraints inside intervals of h seconds, (B, n_between)."""
-        (x, u, s), h = self.symbols(), ca.SX.sym("h")
-        return BatchFunction(dense_function("between", [x, u, s, h], [self.formulation.between(x, u, s, h)]))
-
-    @kept
-    def batch_terminal_cost(self) -> BatchFunction:
-        """The function (x, s) → φ (B, 1)."""
-        x, _, s = self.symbols()
-        return BatchFunction(dense_function("terminal_cost", [x, s], [self.formulation.terminal_cost(x, s)]))
-
-    @kept
-    def batch_clearances(self) -> BatchFunction:
-        """The function (x, s) → h (B, nh)."""
-        x, _, s = self.symbols()
-        return BatchFunction(dense_function("clearances", [x, s], [self.clearances(x, s)]))
 
     def __deepcopy__(self, memo: dict[int, object]) -> OptimalControlProblem:
         return self  # a value, and its functions could not be copied

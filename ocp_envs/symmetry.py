@@ -83,7 +83,7 @@ class Symmetry:
             ValueError: something differs; the message names it.
         """
         rng = np.random.Generator(np.random.Philox(key=20190622))
-        system, rate = problem.system, problem.batch_rate()
+        system, rate = problem.system, problem.functions.rate()
         boxes = {"state": system.state, "control": system.control, "context": problem.context}
         x, u, s = (np.vstack([box.draw(rng, _POINTS), box.lower, box.upper]) for box in boxes.values())
         images = self.states(x), self.controls(u), self.contexts(s)
@@ -102,7 +102,7 @@ class Symmetry:
             "initial states": self._maps_starts(problem, rng),
         }
         if problem.n_clearances:
-            h = problem.batch_clearances()
+            h = problem.functions.clearances()
             same["clearance"] = _equal(np.sort(h(images[0], images[2])[0]), np.sort(h(x, s)[0]))
         if different := [name for name, equal in same.items() if not equal]:
             raise ValueError(

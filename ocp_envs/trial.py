@@ -152,7 +152,7 @@ def check_modes(problem: OptimalControlProblem) -> None:
     progress = np.linspace(0.0, 1.0, knots)[:, None]
     states = starts[:, None] + progress * (problem.targets - starts)[:, None]
     held = problem.terminal.controls(problem.start(p)[1])
-    lines = Trajectory(states, np.repeat(held[:, None], knots - 1, axis=1), np.full(count, problem.longest))
+    lines = Trajectory(states, np.repeat(held[:, None], knots - 1, axis=1), np.full(count, problem.horizon.longest))
     problem.modes.of(problem, p, lines, np.zeros((count, knots, problem.n_clearances)))
 
 

@@ -59,7 +59,7 @@ BY_NAME: dict[str, Callable[[], Any]] = {
     "dt": lambda: 0.02,
     "envs": lambda: moe_policy.environments(PENDULUM, 2),
     "episodes": episodes,
-    "function": lambda: PENDULUM.batch_flow(1).function,
+    "function": lambda: PENDULUM.functions.flow(1).function,
     "labels": lambda: moe_policy.cluster(SAMPLES, "custom"),
     "name": lambda: "name",
     "parameters": lambda: P,

@@ -170,7 +170,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "Interface": lambda: ocp_envs.Env(PENDULUM).interface,
     "Labels": lambda: moe_policy.cluster(SAMPLES, "custom"),
     "Line": lambda: ocp_envs.Line(np.eye(2)),
-    "Linearisation": lambda: PENDULUM.batch_linearisation(1),
+    "Linearisation": lambda: PENDULUM.functions.linearisation(1),
     "Margin": lambda: moe_policy.Margin("radius", 0.1),
     "Mean": lambda: moe_policy.Mean(1.0, 3, (0.5, 1.5)),
     "Metrics": lambda: moe_policy.evaluate(PENDULUM, episodes()),

@@ -11,7 +11,7 @@ DT = 0.02
 def random_plan(problem, size, seed=0, spread=0.3):
     """Dynamically exact plans: random initial states and controls, the intervals integrated finely."""
     rng = np.random.default_rng(seed)
-    flow = problem.batch_flow(20)
+    flow = problem.functions.flow(20)
     duration = rng.uniform(1.0, 3.0, size)
     step = duration[:, None] / (problem.knots - 1)
     box = problem.system.control

@@ -57,11 +57,13 @@ def test_a_declared_symmetry_is_one(problem):
 
     x, u, s = draw(problem.system.state), draw(problem.system.control), draw(problem.context)
     images = symmetry.states(x), symmetry.controls(u), symmetry.contexts(s)
-    (derivative, rate), (image_derivative, image_rate) = (problem.batch_rate()(*each) for each in ((x, u, s), images))
+    (derivative, rate), (image_derivative, image_rate) = (
+        problem.functions.rate()(*each) for each in ((x, u, s), images)
+    )
     np.testing.assert_allclose(image_derivative, symmetry.states(derivative), rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(image_rate, rate, rtol=1e-12)
     if problem.n_clearances:
-        (clearance,), (image_clearance,) = (problem.batch_clearances()(a, b) for a, b in ((x, s), images[::2]))
+        (clearance,), (image_clearance,) = (problem.functions.clearances()(a, b) for a, b in ((x, s), images[::2]))
         np.testing.assert_allclose(image_clearance, clearance, atol=1e-9)
     for box, values in zip((problem.system.state, problem.system.control, problem.context), images):
         assert box.contains(values, 1e-9).all()

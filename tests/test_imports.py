@@ -34,6 +34,8 @@ WINGS = {
         "distributions",
         "parameters",
         "formulation",
+        "functions",
+        "horizon",
         "terminal",
         "fingerprint",
         "points",

@@ -77,7 +77,7 @@ def test_every_class_in_a_public_signature_is_public(value):
 
 def test_signatures_are_read():
     words = {word for _, word in annotations(ocp_envs.OptimalControlProblem)}
-    assert {"Distribution", "Picture", "BatchFunction"} <= words
+    assert {"Distribution", "Picture", "BatchFunctions"} <= words
     assert ("ocp_envs.data.generation", "GenerationSettings") in set(annotations(ocp_envs.generate))
 
 

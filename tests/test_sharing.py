@@ -106,8 +106,8 @@ OBJECTS = {
     "regulator": (lambda: Regulator(PENDULUM, 0.02), linearised),
     "simulator": (lambda: ocp_envs.Simulator(QUADCOPTER_OBSTACLE, 0.02), advanced),
     "problem": (lambda: QUADCOPTER_OBSTACLE, checked),
-    "rate": (PENDULUM.batch_rate, lambda function, number: function(*rows(PENDULUM, number))),
-    "linearisation": (lambda: PENDULUM.batch_linearisation(2), with_step),
+    "rate": (PENDULUM.functions.rate, lambda function, number: function(*rows(PENDULUM, number))),
+    "linearisation": (lambda: PENDULUM.functions.linearisation(2), with_step),
 }
 each_object = pytest.mark.parametrize(("make", "call"), OBJECTS.values(), ids=OBJECTS)
 

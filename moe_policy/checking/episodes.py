@@ -48,7 +48,7 @@ def compiled(plant: OptimalControlProblem, step: ca.Function) -> Callable[..., N
     It knows goals that are one state, reached at any time, and no terminal cost.
     """
     if (
-        plant.fixed_time
+        plant.horizon.fixed
         or plant.terminal_cost is not None
         or not plant.terminal.plain
         or plant.goal.tolerance is not None
@@ -64,7 +64,7 @@ def _kernel(
     """``run`` of ``episodes.c``; the environment variables say which ``compiler`` there is on the ``path``."""
     system = plant.system
     sizes = {"NX": system.nx, "NU": system.nu, "NC": len(plant.context), "NH": plant.n_clearances}
-    clearances = [plant.batch_clearances().function] if plant.n_clearances else []
+    clearances = [plant.functions.clearances().function] if plant.n_clearances else []
     made = library([STEP, _PROGRAM], [step, *clearances], sizes)
     return None if made is None else entry(made, "run", "qqppdddppppppp")
 
@@ -128,7 +128,7 @@ def run(policy: TrackingPolicy, simulator: Simulator, states: Array, contexts: A
     ends, evaluations = _steps(problem, policy.dt, tracking)
     path = Violations(problem, policy.dt, x, contexts, schedule.knot_step)
     error = at_end = problem.goal_error(x, contexts)
-    earliest = ends if problem.fixed_time else np.zeros_like(ends)
+    earliest = ends if problem.horizon.fixed else np.zeros_like(ends)
     cost, entered, left, none = (
         np.zeros(size),
         (error < radius) & (earliest == 0),
@@ -151,7 +151,7 @@ def run(policy: TrackingPolicy, simulator: Simulator, states: Array, contexts: A
         at_end = np.where(planned, error, at_end)
         enters = running & ~entered & ~left & (error < radius) & (step >= earliest)
         if problem.terminal_cost is not None:
-            (terminal,) = problem.batch_terminal_cost()(result.states, contexts)
+            (terminal,) = problem.functions.terminal_cost()(result.states, contexts)
             cost += np.where(enters | (running & ~entered & ~left & (step == evaluations)), terminal[:, 0], 0.0)
         entered |= enters
         x = np.where(running[:, None], result.states, x)

@@ -47,7 +47,7 @@ def write(policy: TrackingPolicy, folder: Path, name: str) -> Path:
     planner, problem = policy.planner, policy.problem
     if not isinstance(planner, NetworkPlanner):
         raise TypeError(f"to_c: expected a policy whose planner is a NetworkPlanner, got {planner!r}")
-    if policy.regulator.varies or not (problem.terminal.plain and problem.numeric_duration):
+    if policy.regulator.varies or not (problem.terminal.plain and problem.horizon.numeric):
         raise ValueError(
             f"to_c: {problem.id} has a goal, a duration or gains at the goal that depend on the context, or a goal "
             "that is no single state; only policies to one goal state can be written as C"
@@ -57,8 +57,8 @@ def write(policy: TrackingPolicy, folder: Path, name: str) -> Path:
     functions = [
         _renamed(function, f"{name}_{function.name()}")
         for function in (
-            problem.batch_rate().function,
-            problem.batch_linearisation(policy.regulator.substeps).jacobian.function,
+            problem.functions.rate().function,
+            problem.functions.linearisation(policy.regulator.substeps).jacobian.function,
         )
     ]
     sizes = _sizes(problem, policy.dt)
@@ -93,7 +93,7 @@ def _sizes(problem: OptimalControlProblem, dt: float) -> dict[str, int]:
         "NC": len(problem.context),
         "KNOTS": problem.knots,
         "PLAN": problem.flat_size,
-        "LENGTH": int(count_steps(problem.longest, dt)) + 1,
+        "LENGTH": int(count_steps(problem.horizon.longest, dt)) + 1,
     }
 
 
@@ -131,7 +131,7 @@ def _arrays(planner: NetworkPlanner, regulator: Regulator) -> Iterator[str]:
         **dict(zip(("period", "control_lower", "control_upper"), box_arrays(problem))),
         "goal_state": problem.terminal.states(problem.context.centre[None])[0],
         "goal_control": problem.terminal.controls(problem.context.centre[None])[0],
-        "durations": problem.durations(problem.context.centre[None]),
+        "durations": problem.horizon.of(problem.context.centre[None]),
         "numbers": numbers_of(regulator),
         "weight_state": weights.state,
         "weight_control": weights.control,

@@ -27,7 +27,7 @@ ROUNDING = 1e-6
 
 def numbers_of(regulator: Regulator) -> Array:
     """The numbers of a ``regulator`` that ``follow.c`` enumerates."""
-    margin = ROUNDING * regulator.problem.longest
+    margin = ROUNDING * regulator.problem.horizon.longest
     return np.array([regulator.dt, margin, TOLERANCE, regulator.weights.authority])
 
 
@@ -73,7 +73,7 @@ class Following:
             problem.terminal,
             self.regulator.at_goal(contexts),
         )
-        bounds = problem.durations(contexts)
+        bounds = problem.horizon.of(contexts)
         shortest, longest = bounds.T
         duration = np.where(np.isfinite(plan.duration), np.clip(plan.duration, shortest, longest), shortest)
         length = int(count_steps(duration, self.dt).max(initial=1)) + 1
@@ -98,7 +98,7 @@ class Following:
 
     def _with_numpy(self, plan: Trajectory, contexts: Array) -> Tracking:
         problem, rejected = self.problem, ~plan.finite
-        margin, (shortest, longest) = ROUNDING * problem.longest, problem.durations(contexts).T
+        margin, (shortest, longest) = ROUNDING * problem.horizon.longest, problem.horizon.of(contexts).T
         clipped = ~rejected & ((plan.duration < shortest - margin) | (plan.duration > longest + margin))
         plan = self._into_boxes(plan, contexts, rejected)
         reference = self._resample(plan, contexts)
@@ -125,7 +125,7 @@ class Following:
     def _into_boxes(self, plan: Trajectory, contexts: Array, rejected: Bools) -> Trajectory:
         """The plans clipped to the boxes of the problem; rejected ones replaced by the shortest stay at the goal."""
         problem, terminal = self.problem, self.problem.terminal
-        row, (shortest, longest) = rejected[:, None, None], problem.durations(contexts).T
+        row, (shortest, longest) = rejected[:, None, None], problem.horizon.of(contexts).T
         states = np.where(row, terminal.states(contexts)[:, None], plan.states)
         controls = np.where(row, terminal.controls(contexts)[:, None], plan.controls)
         duration = np.where(rejected, shortest, plan.duration)

@@ -131,7 +131,7 @@ class Regulator:
         They are taken at ``states`` (B, nx), ``controls`` (B, nu) and ``contexts`` (B, nc).
         """
         size, nx, nu = len(states), self.problem.system.nx, self.problem.system.nu
-        derivatives = self.problem.batch_linearisation(self.substeps)
+        derivatives = self.problem.functions.linearisation(self.substeps)
         a, b = derivatives(states, controls, contexts, np.full((size, 1), self.dt))
         return np.ascontiguousarray(a).reshape(size, nx, nx), np.ascontiguousarray(b).reshape(size, nx, nu)
 

@@ -31,7 +31,7 @@ def compiled(problem: OptimalControlProblem, substeps: int) -> Program | None:
 @kept
 def _compiled(problem: OptimalControlProblem, substeps: int, compiler: str | None, path: str | None) -> Program | None:
     """The program; the environment variables say which ``compiler`` there is on the ``path``."""
-    functions = [problem.batch_rate().function, problem.batch_linearisation(substeps).jacobian.function]
+    functions = [problem.functions.rate().function, problem.functions.linearisation(substeps).jacobian.function]
     sizes = {"NX": problem.system.nx, "NU": problem.system.nu, "NC": len(problem.context)}
     made = library(TRACKING, functions, sizes)
     return None if made is None else Program(entry(made, "follow", "qqq" + 10 * "p"), entry(made, "act", "qqppppp"))

@@ -62,7 +62,7 @@ def mean_controls(plan: Trajectory, dt: float, steps: int, after: Array) -> Arra
 def states_at(rate: BatchFunction, plan: Trajectory, contexts: Array, times: Array) -> Array:
     """States (B, T, nx) of the B plans in ``plan`` at ``times`` (B, T) or (T,), seconds, clipped to [0, t_f].
 
-    The slopes are those of ``rate``, a :meth:`OptimalControlProblem.batch_rate`, in ``contexts`` (B, nc).
+    The slopes are those of ``rate``, a :meth:`BatchFunctions.rate`, in ``contexts`` (B, nc).
     """
     size, intervals, nu = plan.controls.shape
     nx = plan.states.shape[2]
@@ -99,7 +99,7 @@ class Resampler:
         longest = int(steps.max(initial=1))
         times = self.dt * np.arange(longest + 1, dtype=np.float64)
         return Resampled(
-            states=states_at(self.problem.batch_rate(), plan, contexts, times),
+            states=states_at(self.problem.functions.rate(), plan, contexts, times),
             controls=mean_controls(plan, self.dt, longest, self.problem.terminal.controls(contexts)),
             steps=steps,
         )

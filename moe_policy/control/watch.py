@@ -163,7 +163,7 @@ class Watch:
 
     def _flow(self, states: Array, controls: Array, contexts: Array) -> Array:
         period = np.full((len(states), 1), self.dt)
-        return np.asarray(self.problem.batch_flow(self._substeps)(states, controls, contexts, period)[0])
+        return np.asarray(self.problem.functions.flow(self._substeps)(states, controls, contexts, period)[0])
 
     def _block(self, steps: Sequence[_Step], rows: Bools) -> tuple[Array, Array]:
         """What the block of control steps that ends with the last of ``steps`` tells of m ``rows``, a mask (B,).

@@ -34,7 +34,7 @@ def depths(problem: OptimalControlProblem, parameters: Array, plans: Trajectory)
     size, intervals, nu = plans.controls.shape
     contexts = np.repeat(problem.start(parameters)[1], intervals, axis=0)
     states, controls = plans.states[:, :-1].reshape(size * intervals, -1), plans.controls.reshape(-1, nu)
-    flow, clearances, deepest = problem.batch_flow(SUBSTEPS), problem.batch_clearances(), np.zeros(size)
+    flow, clearances, deepest = problem.functions.flow(SUBSTEPS), problem.functions.clearances(), np.zeros(size)
     for fraction in np.linspace(0, 1, SAMPLES + 1):
         lengths = np.repeat(plans.step * fraction, intervals)[:, None]
         reached, _ = flow(states, controls, contexts, lengths)

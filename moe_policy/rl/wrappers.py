@@ -192,6 +192,6 @@ class VectorNearStarts(VectorWrapper[Float32, Array, Float32, Array, Array]):
         factor = np.where(self._rng.random(count) < self._fraction, self._rng.random(count), 1.0)
         nearer = goal + factor[:, None] * (p - goal)
         if problem.n_clearances:
-            (clearances,) = problem.batch_clearances()(*problem.start(nearer))
+            (clearances,) = problem.functions.clearances()(*problem.start(nearer))
             nearer = np.where(clearances.min(axis=1, keepdims=True) >= 0, nearer, p)
         return nearer

@@ -24,7 +24,7 @@ class Violations:
         self, problem: OptimalControlProblem, dt: float, states: Array, contexts: Array, knot_step: Array
     ) -> None:
         self.problem, self.dt, self.contexts, self.knot_step = problem, dt, contexts, knot_step
-        self._clearances = problem.batch_clearances() if problem.n_clearances else None
+        self._clearances = problem.functions.clearances() if problem.n_clearances else None
         self.clearance = self._at(states, contexts)
         self.path = np.maximum(0.0, -self.clearance)
         self.knots = np.where(np.isnan(knot_step), np.nan, self.path)
@@ -76,8 +76,8 @@ class Ledger:
         self.contexts = contexts
         self._error: Array = problem.goal_error(states, contexts)
         self._earliest = np.zeros(size, np.int64)
-        if problem.fixed_time:
-            self._earliest = np.minimum(count_steps(problem.durations(contexts)[:, 1], dt), steps)
+        if problem.horizon.fixed:
+            self._earliest = np.minimum(count_steps(problem.horizon.of(contexts)[:, 1], dt), steps)
         self._success, self._left_box = np.zeros(size, bool), np.zeros(size, bool)
         self._cost = np.zeros(size)
         self._final_error, self._plan_end_error = unknown.copy(), unknown.copy()
@@ -106,7 +106,7 @@ class Ledger:
         self._note(step, (self._error < self.problem.goal.radius) & ~left_box)
         if self.problem.terminal_cost is not None:
             ends = (counted & ~left_box) & ((self._entry == step) | ((self._entry < 0) & (self._evaluation == step)))
-            (terminal,) = self.problem.batch_terminal_cost()(after, self.contexts)
+            (terminal,) = self.problem.functions.terminal_cost()(after, self.contexts)
             self._cost[ends] += terminal[ends, 0]
 
     def _note(self, step: int, inside: Bools) -> None:

@@ -122,7 +122,7 @@ def _functions(problem: OptimalControlProblem) -> Iterator[Finding]:
 
 def _goal(problem: OptimalControlProblem) -> Iterator[Finding]:
     at_goal = points_of(problem)[0]
-    rate, _ = problem.batch_rate()(at_goal.states, at_goal.controls, at_goal.contexts)
+    rate, _ = problem.functions.rate()(at_goal.states, at_goal.controls, at_goal.contexts)
     largest = np.abs(rate / problem.system.state.scale).max(axis=0)
     worst = int(largest.argmax())
     name = problem.system.state.names[worst]

@@ -207,4 +207,4 @@ def continue_pairs(task: _Task) -> Continued:
 def distance(problem: OptimalControlProblem, found: Trajectory, wanted: Trajectory) -> Array:
     """The distances d of B trajectories ``found`` of ``problem`` from those ``wanted``, (B,)."""
     states = np.abs((found.states - wanted.states) / problem.system.state.scale).max(axis=(1, 2))
-    return np.asarray(np.maximum(states, np.abs(found.duration - wanted.duration) / problem.longest))
+    return np.asarray(np.maximum(states, np.abs(found.duration - wanted.duration) / problem.horizon.longest))

@@ -113,7 +113,7 @@ def start_from(problem: OptimalControlProblem, parameters: Array, z: NDArray[np.
     states = np.clip(guess.states, state.lower, state.upper)
     states[:, 0], contexts = problem.start(parameters)
     controls = np.clip(guess.controls, control.lower, control.upper)
-    return Trajectory(states, controls, np.clip(guess.duration, *problem.durations(contexts).T))
+    return Trajectory(states, controls, np.clip(guess.duration, *problem.horizon.of(contexts).T))
 
 
 def _every_winding(problem: OptimalControlProblem, rows: Ints) -> tuple[Ints, Ints]:

@@ -98,8 +98,8 @@ class Plant:
         self.step.state[index], self.context[index] = self.options.problem.start(parameters)
         self.parameters[index] = parameters
         problem, contexts = self.options.problem, self.context[index]
-        if problem.fixed_time:
-            self.earliest[index] = count_steps(problem.durations(contexts)[:, 1], self.options.dt)
+        if problem.horizon.fixed:
+            self.earliest[index] = count_steps(problem.horizon.of(contexts)[:, 1], self.options.dt)
         for controls in self._late:
             controls[index] = problem.terminal.controls(contexts)
 
@@ -113,7 +113,7 @@ class Plant:
         """φ at the present states of the ``rows`` (rows,) whose episodes end, 0 in the others."""
         if not rows.any():
             return 0.0
-        (cost,) = self.options.simulator.problem.batch_terminal_cost()(self.step.state, self.step.context)
+        (cost,) = self.options.simulator.problem.functions.terminal_cost()(self.step.state, self.step.context)
         return np.where(rows, cost[:, 0], 0.0)
 
     def safe_controls(self) -> Array:
@@ -130,7 +130,7 @@ class Plant:
     @cached_property
     def _clearances(self) -> BatchFunction | None:
         problem = self.options.problem
-        return problem.batch_clearances() if problem.n_clearances else None
+        return problem.functions.clearances() if problem.n_clearances else None
 
     def advance(self, controls: Array, rows: Ints, normal: Normal) -> None:
         """Advance the episodes ``rows`` by one control step; the others keep their state. The results are in ``step``.

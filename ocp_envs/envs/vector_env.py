@@ -227,7 +227,7 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         step, options = self._plant.step, self.options
         self._steps += moving
         reached = (step.reached > 0) & moving
-        if self.problem.fixed_time:
+        if self.problem.horizon.fixed:
             reached &= self._steps >= self._plant.earliest
         left_box = (step.left_box > 0) & moving
         cost = np.where(moving, step.cost, 0.0)

@@ -80,7 +80,7 @@ def describe(problem: ProblemOrId) -> str:
         "Reward": _reward(problem),
         "Starting State": parameters,
         "Episode End": (
-            f"Terminated {_ball(problem)} ({_goal(problem)}){' at the given time' if problem.fixed_time else ''} "
+            f"Terminated {_ball(problem)} ({_goal(problem)}){' at the given time' if problem.horizon.fixed else ''} "
             f"or outside the observation space; truncated after {problem.time_limit:g} s."
         ),
         "Physical Constants": ", ".join(f"{k} = {_number(v)}" for k, v in problem.system.constants.items()) + ".",

@@ -72,7 +72,7 @@ def spines(problem: OptimalControlProblem, trajectory: Trajectory) -> Array:
     which, shape = list(coordinates(problem)), trajectory.states.shape
     controls = np.concatenate([trajectory.controls, trajectory.controls[:, -1:]], axis=1)
     x = trajectory.states.reshape(-1, shape[2])
-    rate, _ = blocked(problem).free.batch_rate()(x, controls.reshape(len(x), -1), np.empty((len(x), 0)))
+    rate, _ = blocked(problem).free.functions.rate()(x, controls.reshape(len(x), -1), np.empty((len(x), 0)))
     slopes = rate.reshape(shape) * trajectory.step[:, None, None]
     return np.stack([trajectory.states[:, :, which], slopes[:, :, which]], axis=2)
 
@@ -131,7 +131,7 @@ def solve_free(problem: OptimalControlProblem, parameters: Array, solver: Guarde
     for fraction in _DURATIONS:
         windings = np.zeros(len(unsolved), np.int64)
         line = guesses(free, parameters[unsolved], windings, np.random.default_rng(0), "line")
-        shortest, longest = free.durations(free.start(parameters[unsolved])[1]).T
+        shortest, longest = free.horizon.of(free.start(parameters[unsolved])[1]).T
         line = dataclasses.replace(line, duration=np.maximum(fraction * longest, shortest))
         solutions = solver.solve(parameters[unsolved], line, windings)
         flat[unsolved] = solutions.trajectory.flat()

@@ -60,7 +60,7 @@ class Accuracy:
 def integrate(rate: BatchFunction, x: Array, u: Array, s: Array, h: Array) -> Array:
     """True final states (R, nx); NaN in a row that cannot be integrated, for instance as it escapes to infinity.
 
-    The motions under ``rate`` (:meth:`~ocp_envs.problem.OptimalControlProblem.batch_rate`) begin at ``x`` (R, nx) and
+    The motions under ``rate`` (:meth:`~ocp_envs.problem.BatchFunctions.rate`) begin at ``x`` (R, nx) and
     last ``h`` (R,) seconds, with constant controls ``u`` (R, nu) and contexts ``s`` (R, nc).
     """
     rows, shape = len(x), x.shape
@@ -88,7 +88,7 @@ def integrate(rate: BatchFunction, x: Array, u: Array, s: Array, h: Array) -> Ar
 def accuracy(problem: OptimalControlProblem, parameters: Array, trajectory: Trajectory) -> Accuracy:
     """Errors of B ≥ 1 plans ``trajectory`` for ``problem`` with ``parameters`` (B, np) against the true equation."""
     size, intervals, nu = trajectory.controls.shape
-    nx, rate = problem.system.nx, problem.batch_rate()
+    nx, rate = problem.system.nx, problem.functions.rate()
     initial, contexts = problem.start(parameters)
     ends = integrate(
         rate,

@@ -66,14 +66,14 @@ def residuals(
     size, knots, nx = trajectory.states.shape
     initial, contexts = problem.start(parameters)
     system, states, controls = problem.system, trajectory.states, trajectory.controls
-    following, costs = problem.batch_flow(problem.substeps)(
+    following, costs = problem.functions.flow(problem.substeps)(
         states[:, :-1].reshape(-1, nx),
         controls.reshape(-1, system.nu),
         np.repeat(contexts, knots - 1, axis=0),
         np.repeat(trajectory.step, knots - 1)[:, None],
     )
     expected = np.concatenate([initial[:, None], following.reshape(size, knots - 1, nx)], axis=1)
-    shortest, longest = problem.durations(contexts).T
+    shortest, longest = problem.horizon.of(contexts).T
     duration = np.maximum(shortest - trajectory.duration, trajectory.duration - longest) / longest
     last = states[:, -1]
     found = {
@@ -89,7 +89,7 @@ def residuals(
     }
     total = costs.reshape(size, knots - 1).sum(axis=1)
     if problem.terminal_cost is not None:
-        total = total + problem.batch_terminal_cost()(last, contexts)[0][:, 0]
+        total = total + problem.functions.terminal_cost()(last, contexts)[0][:, 0]
     return found, total
 
 
@@ -105,7 +105,7 @@ def _between(problem: OptimalControlProblem, trajectory: Trajectory, contexts: A
     states = trajectory.states[:, :-1].reshape(size * intervals, -1)
     lengths = np.repeat(trajectory.step, intervals)[:, None]
     arguments = states, trajectory.controls.reshape(-1, nu), np.repeat(contexts, intervals, axis=0), lengths
-    return np.asarray(np.maximum(-problem.batch_between()(*arguments)[0], 0.0).reshape(size, intervals, -1))
+    return np.asarray(np.maximum(-problem.functions.between()(*arguments)[0], 0.0).reshape(size, intervals, -1))
 
 
 def _mixed(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
@@ -115,7 +115,7 @@ def _mixed(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Arr
         return np.zeros((size, intervals, 0))
     states = trajectory.states[:, :-1].reshape(size * intervals, -1)
     arguments = states, trajectory.controls.reshape(-1, nu), np.repeat(contexts, intervals, axis=0)
-    inequalities, equalities = problem.batch_mixed()(*arguments)
+    inequalities, equalities = problem.functions.mixed()(*arguments)
     violated = np.concatenate([np.maximum(-inequalities, 0.0), np.abs(equalities)], axis=1)
     return np.asarray(violated.reshape(size, intervals, -1))
 
@@ -123,7 +123,7 @@ def _mixed(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Arr
 def _shortfall(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
     """How far clearances are below 0, (B, N, nh)."""
     size, knots, nx = trajectory.states.shape
-    (clearance,) = problem.batch_clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
+    (clearance,) = problem.functions.clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
     return np.asarray(np.maximum(-clearance.reshape(size, knots, problem.n_clearances), 0.0))
 
 

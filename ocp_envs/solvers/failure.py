@@ -105,7 +105,7 @@ def _not_finite(problem: OptimalControlProblem, phase: Phase, reason: str) -> Fa
 def _of_bounds(problem: OptimalControlProblem, parameters: Array, nearest: Trajectory) -> list[str]:
     """What to try where the least infeasible point lies at bounds."""
     _, contexts = problem.start(parameters)
-    shortest, longest = problem.durations(contexts)[0]
+    shortest, longest = problem.horizon.of(contexts)[0]
     advice, width = [], longest - shortest
     if width > 0 and nearest.duration[0] > longest - _AT * width:
         advice.append(f"a longer duration: the least infeasible point takes the longest, {longest:.4g} s")

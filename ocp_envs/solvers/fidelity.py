@@ -106,7 +106,7 @@ def fidelity(problem: OptimalControlProblem, parameters: Array, trajectory: Traj
     begins = trajectory.states[:, :-1].reshape(size * intervals, -1)
     controls, s = trajectory.controls.reshape(-1, nu), np.repeat(contexts, intervals, axis=0)
     h = np.repeat(trajectory.step, intervals)
-    error = integrate(problem.batch_rate(), begins, controls, s, h) - trajectory.states[:, 1:].reshape(begins.shape)
+    error = integrate(problem.functions.rate(), begins, controls, s, h) - trajectory.states[:, 1:].reshape(begins.shape)
     largest = np.abs(error / problem.system.state.scale).max(axis=1).reshape(size, intervals)
     depth, spread = _depths(problem, trajectory, begins, controls, s, h)
     return Fidelity(problem, largest, depth, spread)
@@ -123,11 +123,11 @@ def _depths(
     if not problem.n_clearances:
         return np.zeros((size, 0)), np.zeros(0)
     contexts = s[:: knots - 1]
-    (at_knots,) = problem.batch_clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
+    (at_knots,) = problem.functions.clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
     values = [at_knots.reshape(size, knots, -1)]
     for fraction in np.arange(1, _INSIDE + 1) / (_INSIDE + 1):
-        inside, _ = problem.batch_flow(problem.substeps)(begins, controls, s, fraction * h[:, None])
-        values.append(problem.batch_clearances()(inside, s)[0].reshape(size, knots - 1, -1))
+        inside, _ = problem.functions.flow(problem.substeps)(begins, controls, s, fraction * h[:, None])
+        values.append(problem.functions.clearances()(inside, s)[0].reshape(size, knots - 1, -1))
     every = np.concatenate(values, axis=1)
     violated = np.maximum(-every, 0.0).max(axis=1)
     spread = every.max(axis=(0, 1)) - every.min(axis=(0, 1))

@@ -57,7 +57,7 @@ def guesses(
     if kind not in get_args(GuessKind):
         raise ValueError(f"kind must be one of {get_args(GuessKind)}, got {kind!r}")
     initial, contexts = problem.start(parameters)
-    shortest, longest = problem.durations(contexts).T
+    shortest, longest = problem.horizon.of(contexts).T
     duration = shortest + (longest - shortest) * rng.uniform(0.5, 0.75, len(parameters))
     if kind in ("line", "bend"):
         targets = _targets(problem, initial, contexts, windings)
@@ -135,7 +135,7 @@ def _with_free_coordinates(
     free = np.isinf(lower) & np.isinf(upper)
     if not free.any():
         return states
-    box, rate, following = problem.planned_states, problem.batch_rate(), states.copy()
+    box, rate, following = problem.planned_states, problem.functions.rate(), states.copy()
     step = (duration / (problem.knots - 1))[:, None]
     for k in range(problem.knots - 1):
         slope, _ = rate(following[:, k], held, contexts)
@@ -164,7 +164,7 @@ def _bent(problem: OptimalControlProblem, states: Array, rng: np.random.Generato
 def _rollout(problem: OptimalControlProblem, parameters: Array, controls: Array, duration: Array) -> Array:
     """States of the motion under ``controls`` (B, N − 1, nu), clipped to the box at every knot, (B, N, nx)."""
     initial, contexts = problem.start(parameters)
-    box, flow = problem.planned_states, problem.batch_flow(problem.substeps)
+    box, flow = problem.planned_states, problem.functions.flow(problem.substeps)
     step = (duration / (problem.knots - 1))[:, None]
     states = [initial]
     for k in range(problem.knots - 1):

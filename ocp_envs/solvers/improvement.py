@@ -80,7 +80,7 @@ def knot_margins(problem: OptimalControlProblem, parameters: Array, margin: Arra
     # Where the goal is no single state, plans end where there is room for the margin.
     goal = problem.terminal.states(contexts)
     at_start, at_goal = (
-        np.maximum(problem.batch_clearances()(states, contexts)[0].min(axis=1), 0.0)[:, None]
+        np.maximum(problem.functions.clearances()(states, contexts)[0].min(axis=1), 0.0)[:, None]
         for states in (initial, goal)
     )
     if not problem.terminal.pinned:

@@ -21,11 +21,11 @@ def cost_scale(problem: OptimalControlProblem) -> float:
     where it is larger.
     """
     at_goal, at_starts, in_box = points_of(problem)
-    typical = _median([problem.batch_rate()(at.states, at.controls, at.contexts)[1] for at in (at_starts, in_box)])
-    typical *= problem.longest / 2
+    typical = _median([problem.functions.rate()(at.states, at.controls, at.contexts)[1] for at in (at_starts, in_box)])
+    typical *= problem.horizon.longest / 2
     if problem.terminal_cost is not None:
         ends = (at_goal, at_starts, in_box)
-        typical = max(typical, _median([problem.batch_terminal_cost()(at.states, at.contexts)[0] for at in ends]))
+        typical = max(typical, _median([problem.functions.terminal_cost()(at.states, at.contexts)[0] for at in ends]))
     return float(100.0 ** np.floor(np.log10(typical) / 2)) if typical > 0 else 1.0
 
 

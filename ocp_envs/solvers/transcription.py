@@ -227,7 +227,7 @@ def _present(knots: int, nx: int, nu: int) -> NDArray[np.bool_]:
 def transcribe(problem: OptimalControlProblem) -> Transcription:
     """The nonlinear program of ``problem``."""
     system, knots = problem.system, problem.knots
-    longest = problem.longest / (knots - 1)
+    longest = problem.horizon.longest / (knots - 1)
     step_scale, centre = longest / 2, problem.terminal.controls(problem.context.centre[None])[0]
     present = _present(knots, system.nx, system.nu)
 

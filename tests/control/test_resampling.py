@@ -34,7 +34,7 @@ def test_the_mean_control_is_the_integral_over_each_control_step():
 def test_hermite_is_exact_where_the_states_are_quadratic_and_the_control_is_discontinuous():
     plan = Trajectory(*rest_to_rest(np.array([2.0, -1.0]), 4.0, 21))
     times = np.linspace(0, 4.0, 173)
-    states = states_at(DOUBLE_INTEGRATOR.batch_rate(), plan, np.zeros((2, 0)), times)
+    states = states_at(DOUBLE_INTEGRATOR.functions.rate(), plan, np.zeros((2, 0)), times)
     exact = rest_to_rest(np.array([2.0, -1.0]), 4.0, 41)[0]
     np.testing.assert_allclose(states[:, ::43], exact[:, ::10], atol=1e-12)
     force = plan.controls[:, :1, 0]
@@ -45,12 +45,12 @@ def test_hermite_is_exact_where_the_states_are_quadratic_and_the_control_is_disc
 @pytest.mark.parametrize(("problem", "tolerance"), [(PENDULUM, 1e-5), (QUADCOPTER, 1e-3)])
 def test_hermite_follows_the_true_motion_between_knots(problem, tolerance):
     plan, contexts = random_plan(problem, 5, spread=0.01)
-    flow = problem.batch_flow(20)
+    flow = problem.functions.flow(20)
     middle = np.full((len(plan), 1), 0.5) * plan.step[:, None]
     for i in range(0, problem.knots - 1, 5):
         expected, _ = flow(plan.states[:, i], plan.controls[:, i], contexts, middle)
         times = (i + 0.5) * plan.step[:, None]
-        states = states_at(problem.batch_rate(), plan, contexts, times)
+        states = states_at(problem.functions.rate(), plan, contexts, times)
         np.testing.assert_allclose(
             states[:, 0] / problem.system.state.scale, expected / problem.system.state.scale, atol=tolerance
         )

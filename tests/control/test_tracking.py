@@ -49,7 +49,7 @@ def test_a_disturbed_initial_state_is_pulled_back_to_the_plan():
     states, _ = replay(PENDULUM, policy, policy.follow(plan, contexts), start, int(steps.max()))
     rows = np.arange(20)
     left = np.linalg.norm(states[rows, steps] - Resampler(PENDULUM, DT)(plan, contexts).states[rows, steps], axis=1)
-    flow, x = PENDULUM.batch_flow(20), start
+    flow, x = PENDULUM.functions.flow(20), start
     for i in range(PENDULUM.knots - 1):
         x, _ = flow(x, plan.controls[:, i], contexts, plan.step[:, None])
     open_loop = np.linalg.norm(x - plan.states[:, -1], axis=1)

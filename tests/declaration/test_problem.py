@@ -47,7 +47,7 @@ def test_flat_trajectories_come_back(problem):
 @every_problem
 def test_the_goal_is_an_equilibrium_within_the_boxes(problem):
     x, u, s = problem.goal.state[None], problem.goal.control[None], draw(problem.context, 1)
-    rate, _ = problem.batch_rate()(x, u, s)
+    rate, _ = problem.functions.rate()(x, u, s)
     np.testing.assert_allclose(rate, 0, atol=1e-12)
     assert problem.system.state.contains(problem.targets).all()
     assert problem.system.control.contains(u).all()
@@ -66,8 +66,8 @@ def test_linearisation_agrees_with_finite_differences(problem):
     x = draw(system.state, size, 1) * 0.5
     u, s = draw(system.control, size, 2), draw(problem.context, size, 3)
     h = np.full((size, 1), 0.05)
-    flow = problem.batch_flow(2)
-    a, b = problem.batch_linearisation(2)(x, u, s, h)
+    flow = problem.functions.flow(2)
+    a, b = problem.functions.linearisation(2)(x, u, s, h)
     for i in range(system.nx):
         e = eps * np.eye(system.nx)[i]
         np.testing.assert_allclose(
@@ -103,13 +103,13 @@ def test_the_fingerprint_tells_problems_apart(problem):
 def test_the_cost_of_a_step_is_the_integral_of_the_cost_rate():
     # u constant, so ∫_0^h (1 + u²) dt = h (1 + u²) exactly
     u = np.array([[0.5]])
-    _, cost = PENDULUM.batch_flow(1)(np.array([[1.0, 0.2]]), u, np.zeros((1, 0)), np.array([[0.3]]))
+    _, cost = PENDULUM.functions.flow(1)(np.array([[1.0, 0.2]]), u, np.zeros((1, 0)), np.array([[0.3]]))
     assert cost[0, 0] == pytest.approx(0.3 * 1.25)
 
 
 @given(st.floats(-3, 9), st.floats(-2, 2), st.floats(-1, 1))
 def test_pendulum_point_reflection_about_upright(theta, omega, u):
-    flow = PENDULUM.batch_flow(1)
+    flow = PENDULUM.functions.flow(1)
     s, h = np.zeros((1, 0)), np.array([[0.1]])
     there, _ = flow(np.array([[theta, omega]]), np.array([[u]]), s, h)
     mirrored, _ = flow(np.array([[2 * np.pi - theta, -omega]]), np.array([[-u]]), s, h)
@@ -117,7 +117,7 @@ def test_pendulum_point_reflection_about_upright(theta, omega, u):
 
 
 def test_quadcopter_falls_freely_and_hovers():
-    rate = QUADCOPTER.batch_rate()
+    rate = QUADCOPTER.functions.rate()
     x = np.zeros((1, 12))
     fall, _ = rate(x, np.zeros((1, 4)), np.zeros((1, 0)))
     np.testing.assert_allclose(fall[0], [0] * 5 + [-9.81] + [0] * 6, atol=1e-12)
@@ -131,7 +131,7 @@ def test_a_parameter_named_like_a_constant_replaces_it():
     )
     assert problem.context.names == ("mass",)
     x, u = np.array([[1.0, 0.0]]), np.array([[1.0]])
-    rate, _ = problem.batch_rate()(x, u, np.array([[2.0]]))
+    rate, _ = problem.functions.rate()(x, u, np.array([[2.0]]))
     assert rate[0, 1] == pytest.approx(0.5 - np.sin(1.0))
 
 
@@ -139,7 +139,7 @@ def test_the_obstacle_is_context_and_clearance_is_the_distance_to_its_surface():
     p = np.array([[8.0, 8, 8, 4, 4, 4, 3]])
     states, contexts = QUADCOPTER_OBSTACLE.start(p)
     assert QUADCOPTER_OBSTACLE.context.names == ("cx", "cy", "cz", "radius")
-    (clearance,) = QUADCOPTER_OBSTACLE.batch_clearances()(states, contexts)
+    (clearance,) = QUADCOPTER_OBSTACLE.functions.clearances()(states, contexts)
     assert clearance[0, 0] == pytest.approx(np.sqrt(48) - 3)
     assert PENDULUM.n_clearances == 0
     assert PENDULUM.clearances(ca.SX.sym("x", 2), ca.SX.sym("s", 0)).shape == (0, 1)
@@ -217,7 +217,7 @@ def test_problems_are_values():
 
 @given(st.floats(-3, 3), st.floats(-5, 5), st.floats(-5, 5))
 def test_vehicle_mirror_and_reversal(theta, u_theta, u_v):
-    flow = VEHICLE.batch_flow(1)
+    flow = VEHICLE.functions.flow(1)
     s, h = np.zeros((1, 0)), np.array([[0.2]])
     x, u = np.array([[1.0, -2.0, theta, 1.5]]), np.array([[u_theta, u_v]])
     there, _ = flow(x, u, s, h)

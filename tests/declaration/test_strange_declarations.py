@@ -61,7 +61,7 @@ def test_a_goal_that_is_an_equilibrium_for_some_parameters_alone_is_told():
 
 def test_a_plant_need_not_rest_at_the_goal_but_has_to_be_finite():
     plant = QUADCOPTER.with_constants(mass=0.6)
-    rate, _ = plant.batch_rate()(np.zeros((1, 12)), QUADCOPTER.goal.control[None], np.zeros((1, 0)))
+    rate, _ = plant.functions.rate()(np.zeros((1, 12)), QUADCOPTER.goal.control[None], np.zeros((1, 0)))
     assert rate[0, 5] == pytest.approx(9.81 * (0.5 / 0.6 - 1))
     assert plant.fingerprint != QUADCOPTER.fingerprint
     with pytest.raises(ValueError, match="'vx' is nan at the goal"):

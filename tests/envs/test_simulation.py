@@ -32,7 +32,7 @@ def draw_all(problem, rows, fraction=1.0):
 
 
 def dop853(problem, x, u, s, dt, w=0.0):
-    rate = problem.batch_rate()
+    rate = problem.functions.rate()
 
     def derivative(t, y):
         velocity, cost = rate(y[None, :-1], u[None], s[None])
@@ -134,7 +134,7 @@ def test_violation_is_the_depth_in_the_sphere_at_the_end_of_the_step():
 def test_no_point_of_the_boxes_costs_more_than_the_largest_rate(problem):
     x, u, s = draw_all(problem, 20_000)
     x[:10_000] = np.where(x[:10_000] > 0, problem.system.state.upper, problem.system.state.lower)
-    rates = problem.batch_rate()(x, u, s)[1]
+    rates = problem.functions.rate()(x, u, s)[1]
     assert rates.max() <= largest_cost_rate(problem) < 20 * rates.max()
 
 

@@ -221,7 +221,7 @@ def test_the_error_of_runge_kutta_is_that_against_the_matrix_exponential(gain):
     controls, h = rng.uniform(-1, 1, (3, 20, 1)), np.array([0.1, 0.2, 0.3])
     states = np.empty((3, 21, 2))
     states[:, 0] = parameters = sample(problem, 1, 3)
-    flow = problem.batch_flow(1)
+    flow = problem.functions.flow(1)
     true, jumps = np.array(parameters), np.empty((3, 20, 2))
     for k in range(20):
         states[:, k + 1] = flow(states[:, k], controls[:, k], np.empty((3, 0)), h[:, None])[0]
@@ -256,7 +256,7 @@ def test_a_constant_in_the_parameter_reaches_the_equation():
 
 @pytest.mark.parametrize("problem", [PENDULUM, VEHICLE, QUADCOPTER], ids=lambda problem: problem.id)
 def test_rows_together_are_as_accurate_as_one_by_one(problem):
-    rng, system, rate = np.random.default_rng(2), problem.system, problem.batch_rate()
+    rng, system, rate = np.random.default_rng(2), problem.system, problem.functions.rate()
     x = problem.goal.state + 0.5 * system.state.scale * rng.uniform(-1, 1, (12, system.nx))
     u = problem.goal.control + 0.5 * system.control.scale * rng.uniform(-1, 1, (12, system.nu))
     s, h = np.empty((12, 0)), rng.uniform(0.05, 0.5, 12)

@@ -52,7 +52,7 @@ def rates(problem, perturbation, level, controls=1.0):
     draws = [box.lower + rng.random((50, len(box))) * (box.upper - box.lower) for box in boxes(problem)]
     constants = perturbation.arguments(problem, level).get("constants", {})
     states, inputs, contexts = draws
-    return problem.with_constants(**constants).batch_rate()(states, controls * inputs, contexts)[0]
+    return problem.with_constants(**constants).functions.rate()(states, controls * inputs, contexts)[0]
 
 
 def boxes(problem):

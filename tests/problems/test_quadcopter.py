@@ -57,7 +57,7 @@ def rigid_body(x, u):
 
 def test_right_hand_side_is_that_of_a_rigid_body():
     x, u = draw()
-    rate, cost = QUADCOPTER.batch_rate()(x, u, NO_CONTEXT)
+    rate, cost = QUADCOPTER.functions.rate()(x, u, NO_CONTEXT)
     np.testing.assert_allclose(rate, rigid_body(x, u), rtol=1e-10, atol=1e-10)
     weights = np.repeat([0, 1, 0.1, 1], 3)
     np.testing.assert_allclose(cost[:, 0], 10 + (weights * x**2).sum(axis=1) + (u**2).sum(axis=1), rtol=1e-12)
@@ -66,7 +66,7 @@ def test_right_hand_side_is_that_of_a_rigid_body():
 def test_angle_rates_are_those_of_the_turning_body():
     """Independent of the axes above: R(t + h) ≈ R(t) exp([ω] h)."""
     x, u = draw(share=0.7)
-    rate, _ = QUADCOPTER.batch_rate()(x, u, NO_CONTEXT)
+    rate, _ = QUADCOPTER.functions.rate()(x, u, NO_CONTEXT)
     h = 1e-6
     later, earlier = x.copy(), x.copy()
     later[:, 6:9] += h / 2 * rate[:, 6:9]
@@ -79,7 +79,7 @@ def test_free_fall_is_a_parabola_and_keeps_spin_and_energy():
     x, _ = draw(share=0.15)
     x[:, 6:9] *= 0.5
     seconds, still = 0.5, np.zeros((ROWS, 4))
-    end, _ = QUADCOPTER.batch_flow(200)(x, still, NO_CONTEXT, np.full((ROWS, 1), seconds))
+    end, _ = QUADCOPTER.functions.flow(200)(x, still, NO_CONTEXT, np.full((ROWS, 1), seconds))
     gravity = np.array([0, 0, -CONSTANTS["gravity"]])
     np.testing.assert_allclose(end[:, :3], x[:, :3] + seconds * x[:, 3:6] + seconds**2 / 2 * gravity, atol=1e-10)
     np.testing.assert_allclose(end[:, 3:6], x[:, 3:6] + seconds * gravity, atol=1e-10)
@@ -101,7 +101,7 @@ def test_turning_the_world_about_the_vertical_turns_the_motion():
         z[:, 8] += angle
         return z
 
-    flow, h = QUADCOPTER.batch_flow(4), np.full((ROWS, 1), 0.1)
+    flow, h = QUADCOPTER.functions.flow(4), np.full((ROWS, 1), 0.1)
     np.testing.assert_allclose(
         flow(turned(x), u, NO_CONTEXT, h)[0], turned(flow(x, u, NO_CONTEXT, h)[0]), rtol=1e-10, atol=1e-10
     )
@@ -111,7 +111,7 @@ def test_linearisation_at_hover_is_the_textbook_one():
     """Small tilts accelerate sideways: v̇_x = g θ, v̇_y = −g φ; thrusts and torques are chains of integrators."""
     h = 1e-3
     hover = np.zeros((1, 12)), np.full((1, 4), HOVER_THRUST)
-    a, b = QUADCOPTER.batch_linearisation(1)(*hover, np.empty((1, 0)), np.array([[h]]))
+    a, b = QUADCOPTER.functions.linearisation(1)(*hover, np.empty((1, 0)), np.array([[h]]))
     slope = np.zeros((12, 12))
     slope[range(3), range(3, 6)] = slope[range(6, 9), range(9, 12)] = 1
     slope[3, 7], slope[4, 6] = CONSTANTS["gravity"], -CONSTANTS["gravity"]
@@ -127,8 +127,8 @@ def test_linearisation_at_hover_is_the_textbook_one():
 
 def test_linearisation_of_a_tick_agrees_with_finite_differences():
     x, u = draw(20, share=0.5)
-    s, h, step, flow = np.empty((20, 0)), np.full((20, 1), 0.02), 1e-6, QUADCOPTER.batch_flow(2)
-    a, b = QUADCOPTER.batch_linearisation(2)(x, u, s, h)
+    s, h, step, flow = np.empty((20, 0)), np.full((20, 1), 0.02), 1e-6, QUADCOPTER.functions.flow(2)
+    a, b = QUADCOPTER.functions.linearisation(2)(x, u, s, h)
     for i, e in enumerate(step * np.eye(12)):
         np.testing.assert_allclose(a[:, :, i], (flow(x + e, u, s, h)[0] - flow(x - e, u, s, h)[0]) / 2e-6, atol=1e-6)
     for i, e in enumerate(step * np.eye(4)):
@@ -137,7 +137,7 @@ def test_linearisation_of_a_tick_agrees_with_finite_differences():
 
 def test_a_tick_agrees_with_the_true_equation_and_converges_with_order_four():
     x, u = draw(share=2 / 3)
-    true = integrate(QUADCOPTER.batch_rate(), x, u, NO_CONTEXT, np.full(ROWS, 0.02))
+    true = integrate(QUADCOPTER.functions.rate(), x, u, NO_CONTEXT, np.full(ROWS, 0.02))
     steps = {n: Simulator(QUADCOPTER, 0.02, n).advance(x, u, NO_CONTEXT) for n in (1, 2, 4, 8)}
     stayed = ~steps[1].left_box  # the others are clipped
     assert stayed.sum() > ROWS / 2

@@ -143,7 +143,7 @@ def plans(drawn):
 
 def positions(plans, points=50):
     """Positions along plans by integration: ``points`` in each interval, (B, points·(N − 1), 3)."""
-    flow, path = QUADCOPTER.batch_flow(2), []
+    flow, path = QUADCOPTER.functions.flow(2), []
     x, s, h = plans.states[:, 0], np.empty((len(plans), 0)), plans.step[:, None] / points
     for k in range(QUADCOPTER.knots - 1):
         for _ in range(points):

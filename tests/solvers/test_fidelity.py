@@ -32,7 +32,7 @@ def flown(problem, x, controls, duration):
     states, (_, s) = [np.asarray([x])], problem.start(np.asarray([x]))
     step = np.array([[duration / (problem.knots - 1)]])
     for control in controls:
-        states.append(problem.batch_flow(problem.substeps)(states[-1], np.array([control]), s, step)[0])
+        states.append(problem.functions.flow(problem.substeps)(states[-1], np.array([control]), s, step)[0])
     return Trajectory(np.stack(states, axis=1), np.array([controls]), np.array([duration]))
 
 

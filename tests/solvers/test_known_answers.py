@@ -144,7 +144,7 @@ def test_the_environment_reaches_the_goal_with_the_plan(name):
     declared, p, _ = CASES[name]
     solution = ocp_envs.solve(declared, p, starts=2)
     plan = solution.trajectory
-    env = ocp_envs.Env(declared, dt=float(plan.step[0]), terminate_at_goal=declared.fixed_time)
+    env = ocp_envs.Env(declared, dt=float(plan.step[0]), terminate_at_goal=declared.horizon.fixed)
     env.reset(options={"parameters": p})
     reward, info = 0.0, {}
     for control in plan.controls[0]:
@@ -224,7 +224,7 @@ def test_plans_keep_clear_between_knots_where_they_are_asked_to(points):
     def deepest(declared):
         plan = ocp_envs.solve(declared, [-4.0], starts=4).trajectory
         states = np.concatenate([a + fraction * (b - a) for a, b in itertools.pairwise(plan.states[0])])
-        return max(0.0, -float(declared.batch_clearances()(states, np.zeros((len(states), 0)))[0].min()))
+        return max(0.0, -float(declared.functions.clearances()(states, np.zeros((len(states), 0)))[0].min()))
 
     at_knots, between = deepest(_over_a_peak(1)), deepest(_over_a_peak(points))
     assert at_knots > 0.5

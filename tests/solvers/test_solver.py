@@ -97,7 +97,7 @@ def test_multipliers_are_the_price_of_the_constraint():
     assert multipliers.shape == (DISC.knots,)
     assert (multipliers >= 0).all()
     assert multipliers.sum() == pytest.approx((costs[0] - costs[1]) / (2 * step), rel=1e-3)
-    (clearance,) = DISC.batch_clearances()(solution.trajectory.states[0], np.full((DISC.knots, 1), 1.0))
+    (clearance,) = DISC.functions.clearances()(solution.trajectory.states[0], np.full((DISC.knots, 1), 1.0))
     assert multipliers.sum() > 0.1
     assert np.abs(clearance[multipliers > 1e-3]).max() < 1e-4
     assert np.abs(multipliers[clearance[:, 0] > 1e-2]).max() < 1e-3

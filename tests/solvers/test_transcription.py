@@ -48,11 +48,11 @@ def test_program_is_the_problems_own_flow(problem):
 
     m, nx = problem.knots - 1, problem.system.nx
     context = np.repeat(contexts, m, axis=0)
-    following, costs = problem.batch_flow(problem.substeps)(
+    following, costs = problem.functions.flow(problem.substeps)(
         plan.states[0, :-1], plan.controls[0], context, np.full((m, 1), plan.step[0])
     )
     gaps = (plan.states[0, 1:] - following) / problem.system.state.scale
-    (clearances,) = problem.batch_clearances()(plan.states[0, 1:], context)
+    (clearances,) = problem.functions.clearances()(plan.states[0, 1:], context)
     g = np.array(g).ravel()
     is_gap = np.ones(len(g), dtype=bool)
     is_gap[program.rows.clearances] = False
@@ -117,8 +117,8 @@ def test_map_follows_the_true_equation(problem, tolerance):
     x = problem.goal.state + 0.3 * system.state.scale * RNG.uniform(-1, 1, (20, system.nx))
     u = problem.goal.control + 0.5 * system.control.scale * RNG.uniform(-1, 1, (20, system.nu))
     s = np.zeros((20, len(problem.context)))
-    following, cost = problem.batch_flow(problem.substeps)(x, u, s, np.full((20, 1), step))
-    rate = problem.batch_rate()
+    following, cost = problem.functions.flow(problem.substeps)(x, u, s, np.full((20, 1), step))
+    rate = problem.functions.rate()
     for i in range(20):
 
         def f(t, y, i=i):

@@ -54,11 +54,11 @@ def of_problem(problem):
     s, h = problem.context.draw(rng, ROWS), rng.uniform(0.01, 0.1, (ROWS, 1))
     found = {
         "step": (step._plain, (x, u, s)),
-        "rate": (problem.batch_rate(), (x, u, s)),
-        "flow": (problem.batch_flow(2), (x, u, s, h)),
-        "linearisation": (problem.batch_linearisation(1).jacobian, (x, u, s, h)),
+        "rate": (problem.functions.rate(), (x, u, s)),
+        "flow": (problem.functions.flow(2), (x, u, s, h)),
+        "linearisation": (problem.functions.linearisation(1).jacobian, (x, u, s, h)),
     }
-    return found | ({"clearances": (problem.batch_clearances(), (x, s))} if problem.n_clearances else {})
+    return found | ({"clearances": (problem.functions.clearances(), (x, s))} if problem.n_clearances else {})
 
 
 @pytest.mark.parametrize("name", problems.names())

@@ -134,8 +134,8 @@ def kernels_of(problem: OptimalControlProblem, rows: int, repetitions: int) -> t
     substeps = runge_kutta_steps(problem, DT, None)
     functions = {
         "control step": (BatchFunction(Simulator(problem, DT).step_function), (x, u, s)),
-        "rate": (problem.batch_rate(), (x, u, s)),
-        "linearisation": (problem.batch_linearisation(substeps).jacobian, (x, u, s, h)),
+        "rate": (problem.functions.rate(), (x, u, s)),
+        "linearisation": (problem.functions.linearisation(substeps).jacobian, (x, u, s, h)),
     }
     return tuple(_kernel_of(name, *each, repetitions) for name, each in functions.items())
 
@@ -195,8 +195,8 @@ def step_error(problem: OptimalControlProblem, substeps: int, fraction: float) -
 
     x, u, s = (draw(box) for box in (problem.system.state, problem.system.control, problem.context))
     h = np.full(SAMPLES, DT)
-    exact = integrate(problem.batch_rate(), x, u, s, h)
-    error = np.linalg.norm(problem.batch_flow(substeps)(x, u, s, h[:, None])[0] - exact, axis=1)
+    exact = integrate(problem.functions.rate(), x, u, s, h)
+    error = np.linalg.norm(problem.functions.flow(substeps)(x, u, s, h[:, None])[0] - exact, axis=1)
     return StepError(
         median=float(np.median(error)), percent_99=float(np.quantile(error, 0.99)), largest=float(error.max())
     )

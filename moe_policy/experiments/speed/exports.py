@@ -101,7 +101,7 @@ class Exported:
                 ("seconds", "qqppp"),
             )
         )
-        nx, nu, length = problem.system.nx, problem.system.nu, int(count_steps(problem.longest, policy.dt)) + 1
+        nx, nu, length = problem.system.nx, problem.system.nu, int(count_steps(problem.horizon.longest, policy.dt)) + 1
         arrays = {"states": (nx,), "controls": (nu,), "gains": (nu, nx), "norms": (nu, nu)}
         fields = [(name, np.float64, (length, *shape)) for name, shape in arrays.items()]
         numbers = [("steps", np.int64), ("clock", np.int64), ("clipped", np.int32), ("rejected", np.int32)]
