@@ -17,15 +17,17 @@ def cost_scale(problem: OptimalControlProblem) -> float:
     """The power of 100 that brings a typical cost of ``problem`` to between 1 and 100.
 
     Typical is the median of the cost rate at initial states with the goal's control, or in the box where it is zero
-    there, over half the longest duration; and of the terminal cost at the goal, or at initial states or in the box,
-    where it is larger.
+    there, over half the longest duration; and of the differences of the terminal cost from its median at the goal, or
+    at initial states or in the box, where that is larger. A constant in the terminal cost changes nothing.
     """
     at_goal, at_starts, in_box = points_of(problem)
     typical = _median([problem.functions.rate()(at.states, at.controls, at.contexts)[1] for at in (at_starts, in_box)])
     typical *= problem.horizon.longest / 2
     if problem.terminal_cost is not None:
         ends = (at_goal, at_starts, in_box)
-        typical = max(typical, _median([problem.functions.terminal_cost()(at.states, at.contexts)[0] for at in ends]))
+        costs = [problem.functions.terminal_cost()(at.states, at.contexts)[0] for at in ends]
+        finite = [each[np.isfinite(each)] for each in costs]
+        typical = max(typical, _median([each - np.median(each) for each in finite if len(each)]))
     return float(100.0 ** np.floor(np.log10(typical) / 2)) if typical > 0 else 1.0
 
 

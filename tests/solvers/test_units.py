@@ -9,10 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import ocp_envs
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.transcription import transcribe
 from ocp_envs.system import Box
 from tests.in_process import Solver
+from tests.published import rocket
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
 
 pytestmark = [
@@ -94,3 +96,13 @@ def test_the_scale_does_not_depend_on_how_strong_the_actuators_are():
         system, control=Box((dataclasses.replace(system.control.coordinates[0], lower=-1e3, upper=1e3),))
     )
     assert transcribe(dataclasses.replace(DOUBLE_INTEGRATOR, system=strong)).cost_scale == 1.0
+
+
+@pytest.mark.usefixtures("interpreted")
+def test_a_constant_in_the_terminal_cost_changes_nothing():
+    """The climb of Goddard's rocket is a hundredth of its height."""
+    climb = rocket.PROBLEM
+    height = dataclasses.replace(climb, terminal_cost=lambda x, s, c: -x[0])
+    assert transcribe(height).cost_scale == transcribe(climb).cost_scale < 1
+    costs = [ocp_envs.solve(problem, rocket.CASE.p, starts=1).cost for problem in (climb, height)]
+    assert costs[1] + 1 == pytest.approx(costs[0], rel=1e-4)
