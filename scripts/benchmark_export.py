@@ -12,6 +12,7 @@ import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.speed.exports import FLAGS, ExportRow, Exports, export_row
 from moe_policy.experiments.tables import Column, duration, text_table
+from ocp_envs.problems import PAPER
 from ocp_envs.support.provenance import provenance
 
 DT = 0.02
@@ -40,7 +41,7 @@ def main() -> None:
     cli.one_core()
 
     rows = []
-    for problem in map(ocp_envs.load, ocp_envs.names()):
+    for problem in PAPER:
         p = ocp_envs.sample(problem, arguments.seed, arguments.cases)
         for name in PLANNERS:
             if name in moe_policy.available(problem):

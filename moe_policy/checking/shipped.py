@@ -51,5 +51,8 @@ SHIPPED: Mapping[str, Settings] = MappingProxyType(
         "GroundVehicle-v0": Settings("moe-kmeans-10"),
         "Quadcopter-v0": Settings("moe-kmeans-4"),
         "QuadcopterObstacle-v0": Settings("moe-custom", margins=(("radius", 0.1),), iterations=5, margin=0.03),
+        "PendulumUncertain-v0": Settings("moe-kmeans-10"),
+        "CartPoleSwingup-v0": Settings("moe-kmeans-10"),
+        "RocketLanding-v0": Settings("moe-kmeans-4"),
     }
 )

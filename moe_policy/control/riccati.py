@@ -41,7 +41,7 @@ def run(linearise: Linearise, plans: References, gains: Array, norms: Array) -> 
     # The longest plans first: at each control step the plans under way are a prefix.
     order = np.argsort(-plans.steps, kind="stable")
     under_way = np.searchsorted(-plans.steps[order], -np.arange(longest), side="left")
-    q, p, unit_matrix = np.diag(plans.q), np.array(plans.terminal), np.eye(nu)
+    q, p, unit_matrix = np.diag(plans.q), np.array(plans.terminal)[order], np.eye(nu)
     for k, a, b in _backwards(linearise, plans, order, under_way):
         n, rows = len(a), order[: len(a)]
         bp = b.swapaxes(1, 2) @ p[:n]

@@ -7,8 +7,11 @@ import copyreg
 import gymnasium as gym
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems.cart_pole import CART_POLE
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.problems.rocket import ROCKET
+from ocp_envs.problems.uncertain_pendulum import UNCERTAIN_PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
@@ -16,7 +19,7 @@ from ocp_envs.support.suggestions import did_you_mean
 #: The problems of Tang & Hauser, on which reinforcement learning is compared, too.
 PAPER: tuple[OptimalControlProblem, ...] = (PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE)
 #: All problems that ship with data and planners.
-BENCHMARK: tuple[OptimalControlProblem, ...] = PAPER
+BENCHMARK: tuple[OptimalControlProblem, ...] = (*PAPER, UNCERTAIN_PENDULUM, CART_POLE, ROCKET)
 #: A problem, or the name of a registered one.
 ProblemOrId = OptimalControlProblem | str
 _catalogue: dict[str, OptimalControlProblem] = {problem.id: problem for problem in BENCHMARK}

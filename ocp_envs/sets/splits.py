@@ -13,7 +13,15 @@ from typing import TypeVar
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import EqualCosts, SphereCentre, discontinuity_of
-from ocp_envs.sets.hard_sets import AROUND, HardSet, NearCentre, NearEqualCosts, NearGoal, OutsideBox
+from ocp_envs.sets.hard_sets import (
+    AROUND,
+    WITHOUT_NEIGHBOURS,
+    HardSet,
+    NearCentre,
+    NearEqualCosts,
+    NearGoal,
+    OutsideBox,
+)
 from ocp_envs.sets.near import initial_values
 from ocp_envs.sets.sampling import grid, sample
 from ocp_envs.support.arrays import Array
@@ -140,6 +148,10 @@ _OUTSIDE_ONE_OPTIMUM = OutsideBox(_SEEDS["outside"], settings=_AROUND_ONE_OPTIMU
 #: Settings of the vehicle follow results/benchmark_generation_GroundVehicle-v0.json: on 2,000 instances a margin of 0.1
 #: misses as many optima as 0.3 does with two thirds of the solves, and three neighbours miss none.
 _VEHICLE = GenerationSettings(neighbours=3)
+#: Databases that are made in minutes.
+_FEW = GenerationSettings(first=100, starts=4)
+_SEVERAL = GenerationSettings(first=100, starts=8, cold=1)
+_FEW_OUTSIDE = OutsideBox(_SEEDS["outside"], size=200, settings=replace(WITHOUT_NEIGHBOURS, starts=6))
 _BENCHMARK = {
     "PendulumSwingup-v0": ProblemSets(
         training=InstanceSet(grid=(61, 21)),
@@ -172,6 +184,29 @@ _BENCHMARK = {
         # Flights that begin closer hardly have to bend: the free optimum enters the sphere 0.03 m deep in the median
         # with the fraction 0.15, and 0.09 m with 0.3.
         near=NearGoal(_SEEDS["near"], 0.3, size=500, settings=_AROUND_ONE_OPTIMUM),
+    ),
+    "PendulumUncertain-v0": ProblemSets(
+        training=_training(4_000, _FEW),
+        development=_development(_SEVERAL),
+        validation=_validation(1_000, _SEVERAL),
+        boundary=NearEqualCosts(_SEEDS["boundary"], 12_000, size=100),
+        near=None,
+    ),
+    "CartPoleSwingup-v0": ProblemSets(
+        training=_training(2_000, _FEW),
+        development=_development(_SEVERAL),
+        validation=_validation(1_000, _SEVERAL),
+        boundary=NearEqualCosts(_SEEDS["boundary"], 2_000, size=100, spare=1.7, settings=WITHOUT_NEIGHBOURS),
+        outside=_FEW_OUTSIDE,
+        near=None,
+    ),
+    "RocketLanding-v0": ProblemSets(
+        training=_training(4_000, _FEW),
+        development=_development(_SEVERAL),
+        validation=_validation(1_000, _SEVERAL),
+        # Further outside, some instances cannot stay above the glide slope.
+        outside=replace(_FEW_OUTSIDE, beyond=(0.02, 0.1)),
+        near=None,  # at the height of the pad there is nothing to land from
     ),
 }
 

@@ -56,7 +56,8 @@ def test_equals_gymnasiums_sync_vector_env(problem, mode, imperfections):
     # Long control steps and a short time limit: rows end by time, and quadcopters tumble out of the box.
     arguments = {"dt": 0.1, "time_limit": 1.5, **imperfections}
     if imperfections:
-        name, nominal = next(iter(problem.system.constants.items()))
+        constants = problem.system.constants
+        name, nominal = next((name, value) for name, value in constants.items() if name not in problem.context.names)
         arguments["constants"] = {name: 1.1 * nominal}
     sync = SyncVectorEnv([lambda: Env(problem, **arguments)] * ROWS, autoreset_mode=mode)
     ours = VectorEnv(problem, ROWS, mode, **arguments)

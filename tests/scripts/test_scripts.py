@@ -560,7 +560,7 @@ def test_benchmark_rollout(script, run, monkeypatch, tmp_path):
 def test_benchmark_export(script, run, monkeypatch, tmp_path):
     module = script("benchmark_export")
     monkeypatch.setattr(os, "sched_setaffinity", lambda *arguments: None, raising=False)
-    monkeypatch.setattr(module.ocp_envs, "names", lambda: (PENDULUM.id,))
+    monkeypatch.setattr(module, "PAPER", (PENDULUM,))
     monkeypatch.setattr(module, "PLANNERS", ("moe-custom",))
     run(module, "--cases", 2, "--calls", 3, "--rounds", 1, "--results", tmp_path)
     (row,) = read(tmp_path / "benchmark_export.json")["rows"]

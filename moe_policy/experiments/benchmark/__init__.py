@@ -8,12 +8,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from moe_policy.experiments.benchmark import pendulum, quadcopter, vehicle
+from moe_policy.experiments.benchmark import cart_pole, pendulum, quadcopter, rocket, uncertain_pendulum, vehicle
 from moe_policy.experiments.benchmark.parts import Benchmark
 from moe_policy.experiments.perturbations import of_every_constant
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems.cart_pole import CART_POLE
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.problems.rocket import ROCKET
+from ocp_envs.problems.uncertain_pendulum import UNCERTAIN_PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 
 #: By id of the problem.
@@ -23,6 +26,9 @@ BENCHMARKS: Mapping[str, Benchmark] = MappingProxyType(
         VEHICLE.id: vehicle.BENCHMARK,
         QUADCOPTER.id: quadcopter.BENCHMARK,
         QUADCOPTER_OBSTACLE.id: quadcopter.WITH_OBSTACLE,
+        UNCERTAIN_PENDULUM.id: uncertain_pendulum.BENCHMARK,
+        CART_POLE.id: cart_pole.BENCHMARK,
+        ROCKET.id: rocket.BENCHMARK,
     }
 )
 
