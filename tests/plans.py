@@ -8,6 +8,11 @@ from ocp_envs.trajectory import Trajectory
 DT = 0.02
 
 
+def smallest_contexts(problem, size):
+    """The values in the box of contexts that are nearest to 0, (size, nc)."""
+    return np.tile(np.clip(0.0, problem.context.lower, problem.context.upper), (size, 1))
+
+
 def random_plan(problem, size, seed=0, spread=0.3):
     """Dynamically exact plans: random initial states and controls, the intervals integrated finely."""
     rng = np.random.default_rng(seed)
@@ -17,7 +22,7 @@ def random_plan(problem, size, seed=0, spread=0.3):
     box = problem.system.control
     noise = rng.uniform(-1, 1, (size, problem.knots - 1, problem.system.nu))
     controls = np.clip(problem.goal.control + spread * noise, box.lower, box.upper)
-    contexts = np.zeros((size, len(problem.context)))
+    contexts = smallest_contexts(problem, size)
     states = [
         problem.start(rng.uniform(problem.parameters.lower, problem.parameters.upper, (size, len(problem.parameters))))[
             0
@@ -30,7 +35,7 @@ def random_plan(problem, size, seed=0, spread=0.3):
 
 def replay(problem, policy, state, states, steps, contexts=None):
     """States (B, steps+1, nx) and controls (B, steps, nu) of a policy in the simulator."""
-    contexts = np.zeros((len(states), len(problem.context))) if contexts is None else contexts
+    contexts = smallest_contexts(problem, len(states)) if contexts is None else contexts
     simulator, xs, us = Simulator(problem, policy.dt), [states], []
     for _ in range(steps):
         u, state = policy.predict(np.concatenate([xs[-1], contexts], axis=1), state)

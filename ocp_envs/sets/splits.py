@@ -196,7 +196,7 @@ _BENCHMARK = {
         training=_training(2_000, _FEW),
         development=_development(_SEVERAL),
         validation=_validation(1_000, _SEVERAL),
-        boundary=NearEqualCosts(_SEEDS["boundary"], 2_000, size=100, spare=1.7, settings=WITHOUT_NEIGHBOURS),
+        boundary=NearEqualCosts(_SEEDS["boundary"], 2_000, size=90, spare=1.7, settings=WITHOUT_NEIGHBOURS),
         outside=_FEW_OUTSIDE,
         near=None,
     ),

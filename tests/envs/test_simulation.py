@@ -56,7 +56,7 @@ def test_agrees_with_dop853(problem):
 @each_problem
 def test_converges_with_order_four(problem):
     x, u, s = draw_all(problem, 20, fraction=0.2)
-    dt = max(0.1, problem.longest / 100)  # where all is slow, shorter steps have no errors but rounding
+    dt = max(0.1, problem.horizon.longest / 100)  # where all is slow, shorter steps have no errors but rounding
     reference = np.array([dop853(problem, *row, dt)[0] for row in zip(x, u, s)])
     errors = [np.linalg.norm(Simulator(problem, dt, n).advance(x, u, s).states - reference) for n in (2, 4, 8)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
