@@ -69,7 +69,7 @@ TYPES: dict[str, type[Record]] = {
     "benchmark_scaling.json": Scaling,
     "benchmark_solver_*": SolverSpeed,
     "benchmark_training.json": TrainingSpeed,
-    "compare_[GPQ]*": Comparison,
+    "compare_[A-Z]*": Comparison,
     "compare_trained_*": Comparison,
     "compare_training_*": TrainingComparison,
     "margin_*": Margins,

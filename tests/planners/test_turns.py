@@ -55,19 +55,21 @@ def instances(draw, problem):
     return p, np.array(draw(st.lists(st.integers(-5, 5), min_size=len(p), max_size=len(p))))
 
 
-def check(planner, problem, p, turns):
+def check(planner, problem, p, turns, tolerance=1e-9):
     """The plans for ``p`` and for the same instances in other ``turns`` differ by these turns alone."""
     angles = np.isin(problem.parameters.names, [c.name for c in problem.system.state.coordinates if c.period])
     written = p + turns[:, None] * TURN * angles
     moved = problem.start(written)[0] - problem.start(p)[0]
-    np.testing.assert_allclose(planner(written).flat(), planner(p).shifted(moved).flat(), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(planner(written).flat(), planner(p).shifted(moved).flat(), rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize(("problem", "name"), SHIPPED, ids=lambda value: getattr(value, "id", value))
 @settings(max_examples=15)
 @given(data=st.data())
 def test_shipped_planners_plan_the_same_in_every_turn(problem, name, data):
-    check(MODELS[problem, name], problem, *data.draw(instances(problem)))
+    # Checked plans may be repaired, and the solver ends where its tolerance says.
+    tolerance = 1e-5 if name == "checked" else 1e-9
+    check(MODELS[problem, name], problem, *data.draw(instances(problem)), tolerance)
 
 
 def in_another_turn(samples, turns):
@@ -110,7 +112,7 @@ def test_the_plan_of_a_mirrored_instance_is_the_mirror_image(instance):
     p = p[np.abs(LONG.system.difference(LONG.start(p)[0], -LONG.start(p)[0])).max(axis=1) > 1e-3]
     mirrored = p * [-1.0, 1.0]
     wanted = LONG.symmetry.trajectories(planner(p)).flat()
-    np.testing.assert_allclose(planner(mirrored).flat(), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(planner(mirrored).flat(), wanted, rtol=0, atol=tolerance)
 
 
 SYMMETRIC = [(problem, name) for problem, name in SHIPPED if problem.symmetry is not None]
