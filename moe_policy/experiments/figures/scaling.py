@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from moe_policy.experiments.tables import duration
 _TITLES = {"steps": "control steps", "plans": "plans", "solves": "solves"}
 #: Quantities whose rates range over decades.
 _LOGARITHMIC = ("steps", "plans")
-_MARKERS = "osD^v"
+_MARKERS = "osD^vPX*"
 
 
 def scaling_figure(record: Scaling, path: Path) -> Path:
@@ -24,14 +25,14 @@ def scaling_figure(record: Scaling, path: Path) -> Path:
         for (above, below), quantity in zip(panels.T, quantities):
             _batches(above, quantity, [row for row in record.batches if row.quantity == quantity])
             _workers(below, [row for row in record.workers if row.quantity == quantity])
-        panels[0, 0].legend(loc="lower right")
+        panels[0, 0].legend(loc="lower right", fontsize="small")
         panels[1, 0].set_ylabel("rate / that of one worker")
 
     return save_figure(path, (3.5 * len(quantities), 6.0), draw)
 
 
 def _batches(axes: Axes, quantity: str, rows: Sequence[BatchRow]) -> None:
-    for row, color, marker in zip(rows, COLORS, _MARKERS):
+    for row, color, marker in zip(rows, itertools.cycle(COLORS), itertools.cycle(_MARKERS)):
         sizes = [int(size) for size in row.per_second]
         axes.plot(sizes, list(row.per_second.values()), color=color, marker=marker, ms=4, label=row.env_id)
         model = [size / (row.call_seconds + size * row.row_seconds) for size in sizes]
@@ -52,8 +53,8 @@ def _limits(rows: Sequence[BatchRow]) -> str:
 
 
 def _workers(axes: Axes, rows: Sequence[WorkerRow]) -> None:
-    for row, color, marker in zip(rows, COLORS, _MARKERS):
+    for row, color, marker in zip(rows, itertools.cycle(COLORS), itertools.cycle(_MARKERS)):
         ratios = row.ratio_to_one
         axes.plot(list(ratios), list(ratios.values()), color=color, marker=marker, ms=5, linestyle="none")
-    axes.margins(x=0.2)
+    axes.margins(x=0.2, y=0.1)
     axes.set_ylim(bottom=0.0)
