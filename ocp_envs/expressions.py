@@ -24,8 +24,7 @@ class Names(SimpleNamespace):
         values: the values by name.
         read: a set to which the names are added that are read; by default one of its own.
 
-    A name that is not there is refused with an ``AttributeError`` that says which are; :func:`names_read` says which
-    names were read.
+    A name that is not there is refused with an ``AttributeError`` that says which are.
     """
 
     @checked
@@ -44,11 +43,6 @@ class Names(SimpleNamespace):
         there = [each for each in self.__dict__ if not each.startswith("/")]
         kind = self.__dict__.get("/kind", "name")
         raise AttributeError(f"there is no {kind} {name!r}; {did_you_mean(name, there)}there are {there}")
-
-
-def names_read(names: Names) -> set[str]:
-    """Which of the ``names`` were read so far."""
-    return set(names.__dict__["/read"])
 
 
 def _cure(error: Exception, signature: str) -> str:

@@ -60,7 +60,7 @@ def fingerprint(problem: OptimalControlProblem) -> str:
         for box in (system.state, system.control, problem.parameters)
     ]
     windings = goal.windings_of(system.nx).tolist()
-    ends = [problem.terminal.states(problem.context.centre[None])[0].tolist(), goal.radius, windings]
+    ends = [problem.terminal.central_state.tolist(), goal.radius, windings]
     grid = problem.duration if problem.horizon.numeric else (), problem.knots, problem.substeps
     rest = problem.parametrisation.rest
     text = repr(

@@ -44,7 +44,7 @@ class TerminalSet:
     @checked
     def __init__(self, problem: OptimalControlProblem) -> None:
         self.goal: Goal = problem.goal
-        self._id, self._system = problem.id, problem.system
+        self._id, self._system, self._central = problem.id, problem.system, problem.context.centre[None]
         self._namespaces = problem.formulation.namespaces
         x, _, s = problem.symbols()
         self._s = s
@@ -145,9 +145,15 @@ class TerminalSet:
         """The control at the goal in ``contexts`` (B, nc), (B, nu)."""
         return np.asarray(self._values(contexts)[2])
 
-    def control(self, s: Expression) -> Expression:
-        """The control at the goal as an expression in ``s`` (nc, 1), (nu, 1)."""
-        return self._expressions(s)[2] if self.depends else ca.DM(self._constant[2])
+    @cached_property
+    def central_state(self) -> Array:
+        """:meth:`states` in the centre of the contexts, (nx,)."""
+        return frozen_array(self.states(self._central)[0])
+
+    @cached_property
+    def central_control(self) -> Array:
+        """:meth:`controls` in the centre of the contexts, (nu,)."""
+        return frozen_array(self.controls(self._central)[0])
 
     def scaled_sides(self, s: ca.SX) -> tuple[ca.SX, ca.SX]:
         """Sides of the targets divided by the scales, as expressions in ``s`` (nc, 1), (nx, W) each."""

@@ -84,10 +84,7 @@ def run_compiled(
     goal, schedule = problem.goal, tracking.schedule
     steps, evaluations = map(np.ascontiguousarray, _steps(problem, dt, tracking))
     # Named, so that they live until the program returns.
-    boxes, target = (
-        [np.ascontiguousarray(each) for each in box_arrays(problem)],
-        problem.terminal.states(problem.context.centre[None])[0].copy(),
-    )
+    boxes, target = [np.ascontiguousarray(each) for each in box_arrays(problem)], problem.terminal.central_state
     end, out = np.array(states, dtype=np.float64), np.empty((len(states), 5))
     given, knot_step = np.ascontiguousarray(contexts), np.ascontiguousarray(schedule.knot_step)
     program(

@@ -17,6 +17,7 @@ from moe_policy.experiments.records import Record
 from moe_policy.experiments.tables import Column
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.check import residuals
+from ocp_envs.solvers.fidelity import clearances_inside
 from ocp_envs.solvers.improvement import improve
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
@@ -31,16 +32,9 @@ def depths(problem: OptimalControlProblem, parameters: Array, plans: Trajectory)
 
     The instances have ``parameters`` (B, np).
     """
-    size, intervals, nu = plans.controls.shape
-    contexts = np.repeat(problem.start(parameters)[1], intervals, axis=0)
-    states, controls = plans.states[:, :-1].reshape(size * intervals, -1), plans.controls.reshape(-1, nu)
-    flow, clearances, deepest = problem.functions.flow(SUBSTEPS), problem.functions.clearances(), np.zeros(size)
-    for fraction in np.linspace(0, 1, SAMPLES + 1):
-        lengths = np.repeat(plans.step * fraction, intervals)[:, None]
-        reached, _ = flow(states, controls, contexts, lengths)
-        depth = -clearances(reached, contexts)[0].min(axis=1).reshape(size, intervals)
-        deepest = np.maximum(deepest, depth.max(axis=1))
-    return deepest
+    fractions = np.linspace(0, 1, SAMPLES + 1)
+    inside = clearances_inside(problem, problem.start(parameters)[1], plans, fractions, SUBSTEPS)
+    return np.asarray(np.maximum(-inside, 0.0).max(axis=(0, 2, 3)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -213,9 +213,7 @@ class PPOSettings(RLSettings):
         problem = env.get_attr("problem")[0]
         bias: Any = learner.policy.action_net.bias
         with torch.no_grad():
-            bias += torch.from_numpy(
-                Actions(problem).actions(problem.terminal.controls(problem.context.centre[None])[0])
-            ).float()
+            bias += torch.from_numpy(Actions(problem).actions(problem.terminal.central_control)).float()
         return learner
 
     def actor(self, learner: Any) -> Actor:

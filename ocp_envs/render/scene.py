@@ -49,7 +49,7 @@ class Scene:
             matplotlib("backends.backend_agg").FigureCanvasAgg(self.figure)
         self.figure.set_facecolor("white")
         self.stage: Plane | Space
-        goal = self.picture.trace(problem.terminal.states(problem.context.centre[None]))
+        goal = self.picture.trace(problem.terminal.central_state[None])
         if self.picture.dimensions == 3:
             self.stage = Space(self.figure, (0.0, 0.07, 1.0, 0.88), self.picture)
             opacity, ring = 0.85, {"ms": 13, "mew": 2.2}

@@ -108,27 +108,39 @@ def fidelity(problem: OptimalControlProblem, parameters: Array, trajectory: Traj
     h = np.repeat(trajectory.step, intervals)
     error = integrate(problem.functions.rate(), begins, controls, s, h) - trajectory.states[:, 1:].reshape(begins.shape)
     largest = np.abs(error / problem.system.state.scale).max(axis=1).reshape(size, intervals)
-    depth, spread = _depths(problem, trajectory, begins, controls, s, h)
+    depth, spread = _depths(problem, trajectory, contexts)
     return Fidelity(problem, largest, depth, spread)
 
 
-def _depths(
-    problem: OptimalControlProblem, trajectory: Trajectory, begins: Array, controls: Array, s: Array, h: Array
-) -> tuple[Array, Array]:
-    """Depth between the knots (B, nh), and range (nh,), of the clearances along ``trajectory``.
+def clearances_inside(
+    problem: OptimalControlProblem, contexts: Array, trajectory: Trajectory, fractions: Array, substeps: int
+) -> Array:
+    """The clearances inside the intervals of B trajectories, (F, B, N − 1, nh).
 
-    Its B intervals of N − 1 begin at ``begins``, with ``controls``, contexts ``s`` and lengths ``h``.
+    Args:
+        problem: the problem.
+        contexts: of the instances, (B, nc).
+        trajectory: B trajectories.
+        fractions: where in each interval, from 0 at its first knot to 1 at its last, (F,).
+        substeps: Runge-Kutta steps from the first knot to each point.
     """
+    size, intervals, nu = trajectory.controls.shape
+    begins, controls = trajectory.states[:, :-1].reshape(size * intervals, -1), trajectory.controls.reshape(-1, nu)
+    s, h = np.repeat(contexts, intervals, axis=0), np.repeat(trajectory.step, intervals)[:, None]
+    flow, clearances = problem.functions.flow(substeps), problem.functions.clearances()
+    values = [clearances(flow(begins, controls, s, fraction * h)[0], s)[0] for fraction in fractions]
+    return np.array(values).reshape(len(fractions), size, intervals, problem.n_clearances)
+
+
+def _depths(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> tuple[Array, Array]:
+    """Depth between the knots (B, nh), and range (nh,), of the clearances along ``trajectory`` (B) in ``contexts``."""
     size, knots, nx = trajectory.states.shape
     if not problem.n_clearances:
         return np.zeros((size, 0)), np.zeros(0)
-    contexts = s[:: knots - 1]
     (at_knots,) = problem.functions.clearances()(trajectory.states.reshape(-1, nx), np.repeat(contexts, knots, axis=0))
-    values = [at_knots.reshape(size, knots, -1)]
-    for fraction in np.arange(1, _INSIDE + 1) / (_INSIDE + 1):
-        inside, _ = problem.functions.flow(problem.substeps)(begins, controls, s, fraction * h[:, None])
-        values.append(problem.functions.clearances()(inside, s)[0].reshape(size, knots - 1, -1))
-    every = np.concatenate(values, axis=1)
+    fractions = np.arange(1, _INSIDE + 1) / (_INSIDE + 1)
+    inside = clearances_inside(problem, contexts, trajectory, fractions, problem.substeps)
+    every = np.concatenate([at_knots.reshape(size, knots, -1), *inside], axis=1)
     violated = np.maximum(-every, 0.0).max(axis=1)
     spread = every.max(axis=(0, 1)) - every.min(axis=(0, 1))
     return np.asarray(violated), np.asarray(spread)

@@ -228,7 +228,7 @@ def transcribe(problem: OptimalControlProblem) -> Transcription:
     """The nonlinear program of ``problem``."""
     system, knots = problem.system, problem.knots
     longest = problem.horizon.longest / (knots - 1)
-    step_scale, centre = longest / 2, problem.terminal.controls(problem.context.centre[None])[0]
+    step_scale, centre = longest / 2, problem.terminal.central_control
     present = _present(knots, system.nx, system.nu)
 
     def scaled(state: Array, step: float, control: Array) -> Array:
