@@ -18,6 +18,7 @@ from ocp_envs.distributions import Conditioned as Conditioned
 from ocp_envs.distributions import Normal as Normal
 from ocp_envs.distributions import Sampler as Sampler
 from ocp_envs.distributions import Table as Table
+from ocp_envs.envs.description import describe as describe
 from ocp_envs.envs.env import Env as Env
 from ocp_envs.envs.interface import Interface as Interface
 from ocp_envs.envs.options import EnvArguments as EnvArguments
@@ -48,7 +49,6 @@ from ocp_envs.problems import UnknownProblemError as UnknownProblemError
 from ocp_envs.problems import load as load
 from ocp_envs.problems import names as names
 from ocp_envs.problems import register as register
-from ocp_envs.problems.description import describe as describe
 from ocp_envs.render.over_time import plot_trajectory as plot_trajectory
 from ocp_envs.sets.reference import ReferenceSet as ReferenceSet
 from ocp_envs.sets.reference import load_reference as load_reference

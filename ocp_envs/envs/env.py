@@ -50,7 +50,7 @@ class Env(Episodes, gym.Env[NDArray[Any], NDArray[Any]]):
     operating boxes. Angles are unwrapped. The attributes ``state``, ``context`` and ``parameters`` are exact, in
     float64.
 
-    ## Reward
+    ## Rewards
 
     Minus the cost ∫L dt of the control step. A step that leaves the operating box is charged the largest cost rate
     over the boxes times the time that was left, so that failing early never pays.

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from ocp_envs.envs.description import describe
 from ocp_envs.goal import Goal
 from ocp_envs.parameters import OutsideBoxError
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK, UnknownProblemError, load, names, register
-from ocp_envs.problems.description import describe
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import HOVER_THRUST, QUADCOPTER, QUADCOPTER_OBSTACLE
 from ocp_envs.problems.vehicle import VEHICLE

@@ -261,7 +261,7 @@ def test_description_names_everything(problem):
     boxes = (problem.system.state, problem.system.control, problem.parameters)
     for name in (*(name for box in boxes for name in box.names), *problem.system.constants):
         assert re.search(rf"(^|\s){name} ", text)
-    for heading in ("Description", "Action Space", "Observation Space", "Reward", "Starting State", "Episode End"):
+    for heading in ("Description", "Action Space", "Observation Space", "Rewards", "Starting State", "Episode End"):
         assert f"## {heading}\n" in text
         assert f"## {heading}\n" in Env.__doc__
 
