@@ -4,6 +4,9 @@ The description names the problem by id and fingerprint, so that a model cannot 
 the SHA-256 of the tensor file, so that a damaged file, or a pair of files from two different saves, is refused. It also
 carries a checksum of its own content, so that any edit is refused. Files of format version 1 were saved before this
 checksum was introduced and are read without it.
+
+Tensors of floating-point numbers are written in half precision where it represents every one of them exactly, as after
+``in_half_precision`` of a planner; otherwise in the precision that they have.
 """
 
 from __future__ import annotations
@@ -79,6 +82,15 @@ def _pair(path: str | os.PathLike[str]) -> tuple[Path, Path]:
     return base.with_name(base.name + ".safetensors"), base.with_name(base.name + ".json")
 
 
+def in_half_precision(array: NDArray[Any]) -> NDArray[Any]:
+    """``array`` with its numbers rounded to half precision (by at most 1 part in 2048), in the type that it has.
+
+    Numbers beyond ±65504, the range of half precision, become infinite.
+    """
+    with np.errstate(over="ignore"):
+        return array.astype(np.float16).astype(array.dtype)
+
+
 def write_model(
     path: str | os.PathLike[str], kind: Kind, problem: OptimalControlProblem, tensors: Tensors, description: Json
 ) -> None:
@@ -91,7 +103,7 @@ def write_model(
     if description.keys() != CONTENT[kind]:
         raise ValueError(f"expected a description with {sorted(CONTENT[kind])}, got {sorted(description)}")
     tensor_path, json_path = _pair(path)
-    content = save_tensors({name: np.ascontiguousarray(array) for name, array in tensors.items()})
+    content = save_tensors({name: np.ascontiguousarray(_smallest(array)) for name, array in tensors.items()})
     record = {
         "format": FORMAT,
         "version": VERSION,
@@ -105,6 +117,14 @@ def write_model(
     with replacing(tensor_path) as file:
         file.write(content)
     write_json(json_path, with_checksum(plain(record)))
+
+
+def _smallest(array: NDArray[Any]) -> NDArray[Any]:
+    """``array`` in half precision where no floating-point number in it changes."""
+    if array.dtype.kind != "f":
+        return array
+    half = in_half_precision(array)
+    return half.astype(np.float16) if np.array_equal(half, array, equal_nan=True) else array
 
 
 def read_model(path: str | os.PathLike[str]) -> ModelFile:

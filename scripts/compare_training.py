@@ -138,7 +138,8 @@ def main() -> None:
     paths = {name: folders.model(runs[run]) for name, run in first.items() if "pca" not in name}
     if arguments.ship:
         for name in benchmark.shipped:
-            load_file(paths[name], problem, kind=NetworkPlanner).save(SHIPPED / problem.id / name)
+            planner = load_file(paths[name], problem, kind=NetworkPlanner)
+            planner.in_half_precision().save(SHIPPED / problem.id / name)
     rows, sizes = trained.rows(), trained.sizes()
     record = TrainingComparison(
         settings=dataclasses.asdict(settings),

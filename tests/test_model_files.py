@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import moe_policy
+import ocp_envs
 from moe_policy import model_files, store
 from moe_policy.model_files import ModelFileError
 from moe_policy.rl.actor import LearnedPolicy
@@ -35,6 +36,25 @@ def test_a_loaded_planner_plans_the_same(planners, kind, samples_of_three_modes,
         atol = 1e-5 if kind == "nearest" else 0  # stored in float32
         np.testing.assert_allclose(loaded(p).flat(), planner(p).flat(), rtol=0, atol=atol)
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == ["softmax-0.1.json", "softmax-0.1.safetensors"]
+
+
+@pytest.mark.parametrize("kind", ["single", "mixture", "nearest"])
+def test_a_planner_in_half_precision_takes_half_the_space_and_comes_back_as_it_was(planners, kind, tmp_path):
+    rounded = planners[kind].in_half_precision()
+    planners[kind].save(tmp_path / "whole")
+    rounded.save(tmp_path / "half")
+    loaded, p = store.load_file(tmp_path / "half"), ocp_envs.sample(PENDULUM, seed=3, n=20)
+    np.testing.assert_array_equal(loaded(p).flat(), rounded(p).flat())
+    np.testing.assert_allclose(loaded(p).flat(), planners[kind](p).flat(), rtol=0, atol=0.02)
+    sizes = [(tmp_path / f"{name}.safetensors").stat().st_size for name in ("half", "whole")]
+    assert sizes[0] < 0.75 * sizes[1]
+
+
+def test_numbers_that_half_precision_would_change_are_kept(tmp_path, planners):
+    planners["single"].save(tmp_path / "model")
+    tensors = model_files.read_model(tmp_path / "model").tensors
+    assert tensors["network.weights.0"].dtype == np.float32
+    assert tensors["inputs.mean"].dtype == np.float64
 
 
 def test_a_description_names_the_problem_and_where_it_was_made(saved):
@@ -206,9 +226,19 @@ def test_descriptions_hold_what_their_kind_holds(tmp_path):
         model_files.write_model(tmp_path / "model", "nearest", PENDULUM, {}, {"nmae": "nearest"})
 
 
-@pytest.mark.parametrize(
+every_shipped_file = pytest.mark.parametrize(
     "path", sorted(store.SHIPPED.glob("*/*.json")), ids=lambda path: f"{path.parent.name}/{path.stem}"
 )
+
+
+@every_shipped_file
+def test_shipped_networks_and_trajectories_are_in_half_precision(path):
+    tensors = model_files.read_model(path).tensors
+    rounded = {name: array for name, array in tensors.items() if name.startswith("network.") or name == "trajectories"}
+    assert {array.dtype for array in rounded.values()} <= {np.dtype(np.float16)}
+
+
+@every_shipped_file
 def test_shipped_descriptions_carry_their_checksum(path):
     assert json.loads(path.read_text())["version"] == 2
     model_files.read_model(path)

@@ -20,7 +20,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from moe_policy.model_files import Tensors
+from moe_policy.model_files import Tensors, in_half_precision
 from ocp_envs.support.arrays import Array, Ints, frozen_array
 from ocp_envs.support.checks import check_kind, check_number
 from ocp_envs.support.doors import checked
@@ -126,6 +126,10 @@ class SingleNetwork:
         """Outputs (B, sizes[-1]) of inputs ``x`` (B, sizes[0])."""
         return forward(self.weights, self.biases, _leaky_relu, x)
 
+    def in_half_precision(self) -> SingleNetwork:
+        """The network with weights and biases rounded to half precision; it calculates in single precision still."""
+        return SingleNetwork(*(tuple(map(in_half_precision, values)) for values in (self.weights, self.biases)))
+
     def tensors(self, prefix: str = "") -> dict[str, Floats]:
         """Weights and biases by name, each name after ``prefix``."""
         return {
@@ -192,6 +196,12 @@ class MixtureOfExperts:
     def all_experts(self, x: Floats) -> Floats:
         """Predictions of every expert, (r, B, R), of inputs ``x`` (B, inputs)."""
         return np.stack([expert(x) for expert in self.experts])
+
+    def in_half_precision(self) -> MixtureOfExperts:
+        """The mixture with gate and experts :meth:`SingleNetwork.in_half_precision`."""
+        return MixtureOfExperts(
+            self.gate.in_half_precision(), tuple(expert.in_half_precision() for expert in self.experts)
+        )
 
     def tensors(self, prefix: str = "") -> dict[str, Floats]:
         """Weights and biases by name, each name after ``prefix``."""
