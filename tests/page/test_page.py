@@ -1,0 +1,194 @@
+"""The page in a real browser: what it shows, how it is used, and its numbers against Python's."""
+
+import numpy as np
+import pytest
+
+import moe_policy
+import ocp_envs
+from moe_policy.experiments.page.contents import SHOWN
+from scripts.build_page import BUILT
+from tests.page.browser import CHROMIUM, chromium
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
+#: Networks are in single precision in Python, and in double precision on the page.
+CLOSE = {"rtol": 1e-5, "atol": 1e-5}
+METHODS = ("snn", "mixture")
+DESKTOP, PHONE = (1280, 900), (390, 844)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as found:
+        yield found
+
+
+def opened(browser, name, size=DESKTOP, scheme="light"):
+    """The page with the problem ``name``, standing still, in a window of a ``size``."""
+    browser.problems.clear()
+    browser.size(*size, phone=size == PHONE)
+    browser.prefer(prefers_color_scheme=scheme, prefers_reduced_motion="reduce")
+    browser.open("about:blank")
+    browser.open(f"{(BUILT / 'index.html').as_uri()}#{name}")
+    browser.until("document.querySelector('tbody tr')")
+    browser.run(f"stageOf('{name}').then((stage) => void (window.shown = stage))")
+    return browser
+
+
+@pytest.fixture(params=SHOWN)
+def name(request):
+    return request.param
+
+
+def instances(name, count):
+    return ocp_envs.sample(SHOWN[name].env, seed=11, n=count)
+
+
+def part(name):
+    return f"""shown.part("{name}")"""
+
+
+def planners(name):
+    shown = SHOWN[name]
+    return {"snn": moe_policy.load(shown.env, "snn"), "mixture": moe_policy.load(shown.env, shown.mixture)}
+
+
+# -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+def test_plans_and_choices_are_those_of_python(browser, name):
+    opened(browser, name)
+    p = instances(name, 40)
+    for method, planner in planners(name).items():
+        found = browser.run(f"{p.tolist()}.map((p) => Array.from(shown.model.plan('{method}', p).flat))")
+        np.testing.assert_allclose(found, planner(p).flat(), **CLOSE)
+    chosen = browser.run(f"{p.tolist()}.map((p) => shown.model.plan('mixture', p).expert)")
+    np.testing.assert_array_equal(chosen, planners(name)["mixture"].gate(p)[0])
+
+
+def test_tracked_episodes_are_those_of_python(browser, name):
+    opened(browser, name)
+    p = instances(name, 12)
+    for method, planner in planners(name).items():
+        policy = moe_policy.TrackingPolicy(planner.problem, planner)
+        episodes = moe_policy.rollout(moe_policy.environments(planner.problem, len(p)), policy, p, record=True)
+        found = browser.run(
+            f"{p.tolist()}.map((p) => shown.model.methods(p).find(({{ id }}) => id === '{method}').verdict)"
+        )
+        last = np.rint(episodes.evaluation_time / policy.dt).astype(int)
+        final = episodes.states[np.arange(len(p)), last]
+        np.testing.assert_allclose([each["finalState"] for each in found], final, **CLOSE)
+        np.testing.assert_allclose([each["cost"] for each in found], episodes.cost, **CLOSE)
+        np.testing.assert_allclose([each["error"] for each in found], episodes.plan_end_error, **CLOSE)
+        assert [each["success"] for each in found] == episodes.success.tolist()
+        if planner.problem.constrained:
+            deepest = [max(0.0, -each["clearance"]) for each in found]
+            np.testing.assert_allclose(deepest, episodes.violation, **CLOSE)
+
+
+def test_the_nearest_optimum_is_the_nearest(browser, name):
+    opened(browser, name)
+    p, box = instances(name, 10), moe_policy.load(SHOWN[name].env, "nearest").problem.parameters
+    stored = browser.run("Array.from({ length: shown.model.nearest.count }, (_, i) => shown.model.nearest.at(i))")
+    distances = np.linalg.norm((p[:, None] - np.array(stored)[None]) / box.width, axis=2)
+    rows = browser.run(f"{p.tolist()}.map((p) => shown.model.nearest.row(p))")
+    np.testing.assert_allclose(distances[np.arange(len(p)), rows], distances.min(axis=1))
+
+
+# -- use ---------------------------------------------------------------------------------------------------------------
+
+
+def test_the_page_loads_without_errors_and_says_its_verdict(browser, name):
+    opened(browser, name)
+    assert browser.run(f"{part('verdicts')}.rows.length") == 3
+    browser.until(f"{part('words')}.textContent.includes('goal')")
+    assert browser.run("document.getElementById('status').textContent") == ""
+    assert browser.problems == []
+
+
+def _at(browser, points):
+    """Pixels of the window at which the map shows parameters."""
+    browser.run(f"{part('map')}.scrollIntoView({{ block: 'center' }})")
+    box = browser.run(f"{part('map')}.getBoundingClientRect().toJSON()")
+    pixels = browser.run(f"{[list(map(float, point)) for point in points]}.map((p) => shown.map.pixel(p))")
+    return [(box["left"] + x, box["top"] + y) for x, y in pixels]
+
+
+FINAL_ANGLES = "Object.fromEntries(shown.methods.map(({ id, plan }) => [id, plan.states.at(-1)[0]]))"
+
+
+def test_across_a_discontinuity_the_plan_of_the_mixture_flips_and_that_of_the_single_network_slides(browser):
+    opened(browser, "pendulum")
+    track = [(theta, -0.55) for theta in np.linspace(2.4, 3.0, 60)]
+    ends = {method: [] for method in METHODS}
+    for _ in browser.drag(_at(browser, track)):
+        finals = browser.run(FINAL_ANGLES)
+        for method, found in ends.items():
+            found.append(finals[method] / np.pi)
+    mixture, single = np.array(ends["mixture"]), np.array(ends["snn"])
+    np.testing.assert_allclose(mixture, np.where(mixture < 0, -1, 1), atol=0.15)  # at −π or at π, never between
+    assert mixture[0] < 0 < mixture[-1]
+    assert np.count_nonzero(np.diff(np.sign(mixture))) == 1
+    between = np.abs(single) < 0.8
+    assert between.sum() > 5  # the single network is between the two
+    assert np.abs(np.diff(single)).max() < 0.5
+
+
+def test_arrow_keys_and_sliders_move_the_initial_condition(browser, name):
+    opened(browser, name)
+    before = browser.run("shown.p")
+    browser.run(f"{part('map')}.focus()")
+    browser.press("ArrowRight")
+    moved = browser.run("shown.p")
+    assert moved[browser.run("shown.view.map.x")] > before[browser.run("shown.view.map.x")]
+    browser.run(f"{part('sliders')}.querySelector('input').focus()")
+    browser.press("ArrowLeft")
+    assert browser.run("shown.p[0]") < moved[0]
+    assert browser.run("document.activeElement.getAttribute('aria-valuetext')")
+
+
+def test_every_control_has_a_name(browser, name):
+    opened(browser, name)
+    nodes = browser.call("Accessibility.getFullAXTree")["nodes"]
+    roles = {"button", "slider", "tab", "application", "image", "columnheader", "rowheader"}
+    shown = [node for node in nodes if not node["ignored"] and node["role"]["value"] in roles]
+    assert len(shown) > 10
+    assert [node["role"]["value"] for node in shown if not node["name"]["value"]] == []
+
+
+# -- screens -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_finger_drags_on_a_phone_where_nothing_scrolls_sideways(browser, name):
+    opened(browser, name, PHONE)
+    assert browser.run("document.documentElement.scrollWidth") == PHONE[0]
+    cut = "[...document.querySelectorAll('.scroll')].filter((each) => each.scrollWidth > each.clientWidth).length"
+    assert browser.run(cut) == 0
+    p = browser.run("shown.p")
+    here, there = _at(browser, [p, browser.run("shown.view.sweep.to")])
+    browser.touch([here, there])
+    assert browser.run("shown.p") != p
+    assert browser.problems == []
+
+
+def test_the_theme_is_that_of_the_system_until_the_reader_chooses(browser):
+    colors = []
+    for scheme in ("light", "dark"):
+        opened(browser, "pendulum", scheme=scheme)
+        colors.append(browser.run("getComputedStyle(document.body).backgroundColor"))
+    browser.run("document.getElementById('theme').click()")
+    colors.append(browser.run("getComputedStyle(document.body).backgroundColor"))
+    browser.run("localStorage.clear()")
+    assert colors[0] == colors[2] != colors[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
+def test_screenshots_show_the_whole_page(browser, name, size, scheme, tmp_path):
+    from PIL import Image
+
+    opened(browser, name, size, scheme)
+    browser.screenshot(tmp_path / "page.png")
+    picture = np.asarray(Image.open(tmp_path / "page.png").convert("L"))
+    assert picture.shape[1] == size[0] * (2 if size == PHONE else 1)
+    assert (picture.mean() < 100) == (scheme == "dark")

@@ -1,0 +1,70 @@
+"""The built page is that of its sources and of the shipped planners."""
+
+import base64
+import json
+import re
+
+import numpy as np
+import pytest
+
+import moe_policy
+from moe_policy.experiments.page import bundle
+from moe_policy.experiments.page.contents import SHOWN
+from moe_policy.experiments.page.packing import Packing
+from scripts.build_page import BUILT, SOURCES
+
+CURE = "run python scripts/build_page.py --ship"
+
+
+def _data(name):
+    text = (BUILT / f"{name}.js").read_text(encoding="utf-8")
+    return json.loads(re.fullmatch(rf'receive\("{name}", (.*)\);\n', text)[1])
+
+
+def _array(data, place):
+    block = base64.b64decode(data["block"])
+    return np.frombuffer(block, place["type"], place["size"], place["at"])
+
+
+def test_the_html_is_that_of_the_sources():
+    assert (BUILT / "index.html").read_text(encoding="utf-8") == bundle.page(SOURCES), CURE
+
+
+def test_the_page_loads_nothing_from_elsewhere():
+    assert not re.findall(r"(?:src|href)=|https?://|@import|url\(", bundle.page(SOURCES))
+
+
+def test_all_files_together_are_small():
+    assert sum(path.stat().st_size for path in BUILT.iterdir()) < 1.5e6
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_the_networks_are_the_shipped_ones(name):
+    data, shown = _data(name), SHOWN[name]
+    for method, shipped in (("snn", "snn"), ("mixture", shown.mixture)):
+        network = moe_policy.load(shown.env, shipped).network
+        parts = [network.gate, *network.experts] if method == "mixture" else [network]
+        described = data["planners"][method]
+        layers = [*(described["gate"] or []), *(layer for expert in described["experts"] for layer in expert)]
+        weights = [weight for part in parts for weight in part.weights]
+        for layer, weight in zip(layers, weights, strict=True):
+            np.testing.assert_array_equal(_array(data, layer["weights"]), weight.ravel(), err_msg=CURE)
+
+
+def test_arrays_begin_where_views_may_and_keep_their_numbers():
+    packing, halves, singles = Packing(), np.array([0.5, -2.0, 0.25], np.float32), np.array([0.1], np.float32)
+    places = [packing.place(halves), packing.place(singles), packing.place([1.0], "float64")]
+    assert [place["type"] for place in places] == ["float16", "float32", "float64"]
+    assert all(place["at"] % 8 == 0 for place in places)
+    for place, values in zip(places, (halves, singles, [1.0])):
+        np.testing.assert_array_equal(_array({"block": packing.text()}, place), values)
+
+
+def test_modules_become_functions_in_the_order_of_their_imports(tmp_path):
+    (tmp_path / "a.js").write_text('import { b } from "./b.js";\nb();\n')
+    (tmp_path / "b.js").write_text("export function b() {}\nconst c = 1;\nexport { c };\n")
+    script = bundle.script(tmp_path, "a.js")
+    assert script.index("function b() {}") < script.index("const { b } = module_0;")
+    assert "return { b, c };" in script
+    assert "import" not in script
+    assert "export" not in script
