@@ -67,9 +67,10 @@ class EnvOptions:
     """The options of an environment, as :class:`~ocp_envs.envs.env.Env` documents them.
 
     Args:
-        problem, dt, terminate_at_goal, time_limit, max_episode_steps, constants, disturbance, observation_noise, delay,
-            render_mode: see there. Kept are a number for ``time_limit``, a mapping for ``constants`` and (nx,) for both
-            standard deviations.
+        problem, dt, terminate_at_goal, max_episode_steps, delay, render_mode: see there.
+        time_limit: see there; kept is a number.
+        constants: see there; kept is a mapping.
+        disturbance, observation_noise: see there; kept are standard deviations (nx,).
 
     Raises:
         ValueError: an option out of its range; the message names it.

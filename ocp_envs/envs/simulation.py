@@ -105,7 +105,7 @@ class Step:
         states: next states, inside the operating box, (B, nx).
         cost: ∫L dt over the step, (B,).
         reached: whether the next state is inside the goal ball, (B,).
-        violation: of the path constraints, see :func:`_violation`, in their unit, (B,).
+        violation: of the path constraints, in their unit, (B,).
         left_box: whether the state left the operating box and was clipped, (B,).
     """
 

@@ -49,8 +49,9 @@ class VectorEnv(Episodes, gym.vector.VectorEnv[NDArray[Any], NDArray[Any], NDArr
         autoreset_mode: what follows the end of an episode. ``NEXT_STEP``: the next step resets it, ignoring its
             action, with reward 0. ``SAME_STEP``: it is reset at once; ``info`` has ``final_obs`` and ``final_info``.
             ``DISABLED``: the row stands still, with reward 0 and its end still flagged, until it is reset.
-        dt, terminate_at_goal, time_limit, max_episode_steps, constants, disturbance, observation_noise, delay,
-            render_mode: as in :class:`~ocp_envs.envs.env.Env`; so are the errors.
+        dt, terminate_at_goal, time_limit, max_episode_steps, constants: as in
+            :class:`~ocp_envs.envs.env.Env`; so are the errors.
+        disturbance, observation_noise, delay, render_mode: as in :class:`~ocp_envs.envs.env.Env`; so are the errors.
     """
 
     metadata: ClassVar[Info] = {"render_modes": list(RENDER_MODES), "render_fps": 50}  # type: ignore[misc]

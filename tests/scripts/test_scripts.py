@@ -634,3 +634,16 @@ def test_check_data(data, script, run, tmp_path):
     assert all(way["unsolved"] == 0 for way in record["ways"].values())
     assert set(record["databases"]) == set(TINY)
     assert all(found["failing"] == 0 for found in record["databases"].values())
+
+
+def test_make_animations(script, run, monkeypatch, tmp_path):
+    image = pytest.importorskip("PIL.Image")
+    module = script("make_animations")
+    monkeypatch.setattr(module, "FRAMES", 4)
+    run(module, "--results", tmp_path)
+    assert image.open(tmp_path / f"{PENDULUM.id}.webp").n_frames == 4
+
+
+def test_every_environment_has_an_animation():
+    for problem in ocp_envs.problems.BENCHMARK:
+        assert (ROOT / "docs" / "animations" / f"{problem.id}.webp").stat().st_size < 150_000
