@@ -11,7 +11,7 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.speed.exports import FLAGS, ExportRow, Exports, export_row
-from moe_policy.experiments.tables import Column, duration, text_table
+from moe_policy.reports.tables import Column, duration, text_table
 from ocp_envs.problems import PAPER
 from ocp_envs.support.provenance import provenance
 

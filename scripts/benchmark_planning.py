@@ -17,7 +17,7 @@ from moe_policy.experiments.latency import BATCHES, PLANNING_COLUMNS, Latency, p
 from moe_policy.experiments.methods import Method, one_solve, optimal_planner, shipped, stabiliser
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS, cold, solver_rows, warm
 from moe_policy.experiments.speed.solver import ON_ONE_CORE
-from moe_policy.experiments.tables import text_table
+from moe_policy.reports.tables import text_table
 from ocp_envs.sets import reference
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.provenance import provenance

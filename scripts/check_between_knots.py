@@ -10,7 +10,7 @@ import numpy as np
 import moe_policy
 from moe_policy.experiments import cli
 from moe_policy.experiments.between_knots import COLUMNS, BetweenKnots, with_points
-from moe_policy.experiments.tables import text_table
+from moe_policy.reports.tables import text_table
 from ocp_envs.sets import reference
 from ocp_envs.support.provenance import provenance
 

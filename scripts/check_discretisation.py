@@ -11,7 +11,7 @@ import numpy as np
 import moe_policy
 from moe_policy.experiments import cli
 from moe_policy.experiments.discretisation import COLUMNS, Discretisation, estimates, excess
-from moe_policy.experiments.tables import text_table
+from moe_policy.reports.tables import text_table
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.support.provenance import provenance

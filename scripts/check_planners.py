@@ -29,7 +29,7 @@ from moe_policy.experiments.checking_tables import BOUND_COLUMNS, CHECK_COLUMNS,
 from moe_policy.experiments.comparison import Optimum, track_optimum
 from moe_policy.experiments.methods import Method, shipped
 from moe_policy.experiments.splits import SPLITS
-from moe_policy.experiments.tables import text_table
+from moe_policy.reports.tables import text_table
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.reference import ReferenceSet

@@ -15,8 +15,8 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.cluster_choice import CLUSTER_COLUMNS, ClusterChoice, ClusterRow, chosen, noted
 from moe_policy.experiments.cluster_models import execute_all
-from moe_policy.experiments.tables import text_table
 from moe_policy.experiments.trainings import Folders
+from moe_policy.reports.tables import text_table
 from ocp_envs.support.provenance import provenance
 
 

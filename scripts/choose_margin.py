@@ -14,8 +14,8 @@ from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, MarginRow, Margins, run, track_optimum
 from moe_policy.experiments.figures.comparison import margins_figure
 from moe_policy.experiments.methods import Method, shipped
-from moe_policy.experiments.tables import Column, text_table
 from moe_policy.planners.margin import WithMargin
+from moe_policy.reports.tables import Column, text_table
 from ocp_envs.sets import reference
 from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance

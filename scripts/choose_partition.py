@@ -27,14 +27,14 @@ from moe_policy.experiments.partitions import (
     Partitions,
     partition,
 )
-from moe_policy.experiments.records import ABSENT, present, read, write
 from moe_policy.experiments.seeds import Training
-from moe_policy.experiments.tables import text_table
 from moe_policy.learning.clustering import Labels
 from moe_policy.learning.recipes import TOGETHER
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.reports.records import ABSENT, present, read, write
+from moe_policy.reports.tables import text_table
 from ocp_envs.data.samples import Samples
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.arrays import Array

@@ -26,11 +26,11 @@ from moe_policy.experiments.learner_budgets import ChosenActor, DevelopmentMetri
 from moe_policy.experiments.learners import CaseSet, LearnerTraining, learner_trainings
 from moe_policy.experiments.methods import Method, solve_all
 from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, planner_rows
-from moe_policy.experiments.records import read
 from moe_policy.experiments.seeds import TrainingComparison, TrainingRow
-from moe_policy.experiments.tables import text_table
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
+from moe_policy.reports.records import read
+from moe_policy.reports.tables import text_table
 from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.rollout import rollout

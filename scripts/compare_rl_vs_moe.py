@@ -34,10 +34,10 @@ from moe_policy.experiments.methods import (
     steps,
     variants,
 )
-from moe_policy.experiments.tables import text_table
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.reports.tables import text_table
 from moe_policy.rl import training as baselines
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem

@@ -25,7 +25,6 @@ from moe_policy.experiments.comparison import run, track_optimum
 from moe_policy.experiments.distances import DistanceCurves
 from moe_policy.experiments.figures.generalisation import splits_figure
 from moe_policy.experiments.methods import Method, chosen, shipped, stabiliser
-from moe_policy.experiments.records import ABSENT, read
 from moe_policy.experiments.split_table import SPLIT_COLUMNS, lines
 from moe_policy.experiments.splits import (
     BINNED,
@@ -38,9 +37,10 @@ from moe_policy.experiments.splits import (
     SplitSummary,
     separations,
 )
-from moe_policy.experiments.tables import text_table
 from moe_policy.experiments.trainings import Run
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.reports.records import ABSENT, read
+from moe_policy.reports.tables import text_table
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.metrics import Metrics
 from ocp_envs.problem import OptimalControlProblem

@@ -21,12 +21,12 @@ from moe_policy.experiments.benchmark.parts import Benchmark
 from moe_policy.experiments.figures import gallery
 from moe_policy.experiments.figures.comparison import sizes_figure
 from moe_policy.experiments.figures.details import Details
-from moe_policy.experiments.records import ABSENT
 from moe_policy.experiments.seeds import Model, Paper, TrainingComparison, TrainingRow
 from moe_policy.experiments.trainings import Folders, Run
 from moe_policy.learning.architectures import PAPER_SIZES, Hidden
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.reports.records import ABSENT
 from moe_policy.store import SHIPPED, load_file
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.provenance import provenance

@@ -16,9 +16,9 @@ from pathlib import Path
 from moe_policy.experiments import cli
 from moe_policy.experiments.diagnosis import explain
 from moe_policy.experiments.failures import COLUMNS, Diagnosis, EvaluatedAt, counts
-from moe_policy.experiments.tables import Column, proportion, text_table
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import MixtureOfExperts
+from moe_policy.reports.tables import Column, proportion, text_table
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.store import SHIPPED, load_file
 from ocp_envs.support.provenance import provenance

@@ -16,10 +16,10 @@ import time
 from moe_policy.experiments import cli
 from moe_policy.experiments.families import FAMILY_COLUMNS, FamiliesTable, Gaps, families
 from moe_policy.experiments.figures.families import families_figure
-from moe_policy.experiments.records import ABSENT, Absent
-from moe_policy.experiments.tables import text_table
 from moe_policy.learning.families import NEIGHBOURS, families_of
 from moe_policy.learning.graph_cuts import Parts
+from moe_policy.reports.records import ABSENT, Absent
+from moe_policy.reports.tables import text_table
 from ocp_envs.data.beyond import beyond
 from ocp_envs.data.continuation import Continuation, continued
 from ocp_envs.data.samples import Samples

@@ -19,7 +19,7 @@ from typing import Any
 import ocp_envs
 from moe_policy.experiments import cli
 from moe_policy.experiments.generation import Generation, Memory, SplitGeneration, Totals
-from moe_policy.experiments.records import read, write
+from moe_policy.reports.records import read, write
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference

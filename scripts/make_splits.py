@@ -16,7 +16,7 @@ from pathlib import Path
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.generation import HardSetReport, HardSets
-from moe_policy.experiments.records import read, write
+from moe_policy.reports.records import read, write
 from ocp_envs import tables
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference

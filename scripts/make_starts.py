@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.generation import STARTS, StartTables
-from moe_policy.experiments.records import read, write
+from moe_policy.reports.records import read, write
 from ocp_envs import tables
 from ocp_envs.distribution import Blocked
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE

@@ -40,11 +40,11 @@ from moe_policy.experiments.paper_tables import (
     summary,
     summary_columns,
 )
-from moe_policy.experiments.records import ABSENT, Record, present, read, write
 from moe_policy.experiments.seeds import Model, Training, TrainingComparison, TrainingRow
 from moe_policy.experiments.splits import SplitComparison, uniform_row
-from moe_policy.experiments.tables import markdown_table
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.reports.records import ABSENT, Record, present, read, write
+from moe_policy.reports.tables import markdown_table
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import PAPER
 from ocp_envs.problems.pendulum import PENDULUM

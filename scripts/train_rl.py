@@ -32,7 +32,7 @@ from moe_policy.experiments.learners import (
     training_file,
 )
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.records import read, write
+from moe_policy.reports.records import read, write
 from moe_policy.rl.settings import ALGORITHMS, RLSettings
 from moe_policy.rl.training import TrainingRun, train
 from ocp_envs.problem import OptimalControlProblem

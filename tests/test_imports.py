@@ -60,6 +60,7 @@ WINGS = {
     "moe_policy.rollouts": None,
     "moe_policy.checking": None,
     "moe_policy.rl": None,
+    "moe_policy.reports": None,
     "store": ("store",),
     "moe_policy": ("",),
     "moe_policy.experiments": None,

@@ -14,7 +14,6 @@ from types import MappingProxyType
 #: Optional packages by the name of the module that is imported, with the extra that installs them.
 PACKAGES: Mapping[str, str] = MappingProxyType(
     {
-        "cattrs": "experiments",
         "matplotlib": "experiments",
         "PIL": "experiments",
         "stable_baselines3": "experiments",
@@ -29,6 +28,6 @@ def install(module: str) -> str:
     return f'{module} is missing; install it with: pip install -c constraints.txt -e ".[{PACKAGES[module]}]"'
 
 
-for _module in ("cattrs", "matplotlib", "PIL"):
+for _module in ("matplotlib", "PIL"):
     if find_spec(_module) is None:
         sys.exit(f"error: {install(_module)}")

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from moe_policy.experiments.records import Record
-from moe_policy.experiments.tables import Column
+from moe_policy.reports.records import Record
+from moe_policy.reports.tables import Column
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.check import residuals
 from ocp_envs.solvers.fidelity import clearances_inside

@@ -17,8 +17,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from moe_policy.experiments.records import Record, Scalar
-from moe_policy.experiments.tables import Column, with_range
 from moe_policy.learning.architectures import architecture_of, layer_sizes
 from moe_policy.learning.clustering import Labels
 from moe_policy.learning.examples import Examples, Split
@@ -30,6 +28,8 @@ from moe_policy.planners.modules import MixtureModule, SingleModule
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX
 from moe_policy.planners.record import PartReport
+from moe_policy.reports.records import Record, Scalar
+from moe_policy.reports.tables import Column, with_range
 from moe_policy.rollouts.intervals import Spread
 from ocp_envs.data.beyond import Beyond
 from ocp_envs.data.samples import Samples

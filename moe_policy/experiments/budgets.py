@@ -13,8 +13,8 @@ from typing import Self, TypeVar
 from moe_policy.experiments.learner_budgets import DevelopmentMetrics, LearnerBudget
 from moe_policy.experiments.learners import CaseSet
 from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, PlannerRow
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline
-from moe_policy.experiments.tables import Column, duration
+from moe_policy.reports.records import ABSENT, Absent, Record, inline
+from moe_policy.reports.tables import Column, duration
 from ocp_envs.support.provenance import Provenance
 
 Of = TypeVar("Of", "ShippedPlanner", "Level")

@@ -17,11 +17,11 @@ from moe_policy.checking.shipped import SHIPPED
 from moe_policy.checking.verdict import HOW, CheckedPlans
 from moe_policy.experiments.comparison import ComparisonRow, Optimum, run
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, read, write
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.repaired import Repaired
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.protocols import Planner
+from moe_policy.reports.records import ABSENT, Absent, Record, inline, read, write
 from moe_policy.rollouts.conformal import coverage_range, least_success, upper_bound
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Proportion

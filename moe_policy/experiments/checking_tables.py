@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from moe_policy.checking.verdict import HOW
 from moe_policy.experiments.checking import CHECKED, ITERATIONS, BoundRow, CheckRow, PlannerChecks, PlanTime, effort_of
-from moe_policy.experiments.metric_columns import METRICS
-from moe_policy.experiments.records import present
-from moe_policy.experiments.tables import Column, duration, proportion
+from moe_policy.reports.metric_columns import METRICS
+from moe_policy.reports.records import present
+from moe_policy.reports.tables import Column, duration, proportion
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import Metrics
 

@@ -21,10 +21,10 @@ from tqdm import tqdm
 
 import ocp_envs
 from moe_policy.experiments import install
-from moe_policy.experiments.records import Record, write
 from moe_policy.experiments.running import UsageError as UsageError
 from moe_policy.experiments.running import option as option
 from moe_policy.experiments.running import run as run
+from moe_policy.reports.records import Record, write
 from moe_policy.store import SHIPPED
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import BENCHMARK, UnknownProblemError

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from moe_policy.experiments.cluster_models import ClusterModel
-from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, present
 from moe_policy.experiments.seeds import Range
-from moe_policy.experiments.tables import Column, with_range
+from moe_policy.reports.records import ABSENT, Absent, Record, Scalar, present
+from moe_policy.reports.tables import Column, with_range
 from moe_policy.rollouts.comparison import fewest
 from ocp_envs.support.provenance import Provenance
 

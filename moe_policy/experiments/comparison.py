@@ -15,12 +15,12 @@ import numpy as np
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.latency import time_planner
 from moe_policy.experiments.methods import Method, solve_all
-from moe_policy.experiments.metric_columns import METRICS
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
-from moe_policy.experiments.tables import Column, duration
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.prediction_error import validation_error
 from moe_policy.planners.stored import StoredPlans
+from moe_policy.reports.metric_columns import METRICS
+from moe_policy.reports.records import ABSENT, Absent, Record, inline, present, renamed
+from moe_policy.reports.tables import Column, duration
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.metrics import Metrics, evaluate

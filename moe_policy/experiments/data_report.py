@@ -9,8 +9,8 @@ from operator import itemgetter
 import numpy as np
 
 from moe_policy.experiments.generation import Totals
-from moe_policy.experiments.records import Record, inline, renamed
-from moe_policy.experiments.tables import DASH, Column, text_table
+from moe_policy.reports.records import Record, inline, renamed
+from moe_policy.reports.tables import DASH, Column, text_table
 from ocp_envs.solvers.accuracy import ATOL, RTOL
 from ocp_envs.solvers.nlp import Status
 from ocp_envs.support.arrays import Array

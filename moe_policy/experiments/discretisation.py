@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from moe_policy.experiments.records import Record
-from moe_policy.experiments.tables import Column
+from moe_policy.reports.records import Record
+from moe_policy.reports.tables import Column
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING
 from ocp_envs.solvers.solver import GuardedSolver

@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from moe_policy.experiments.records import Record
+from moe_policy.reports.records import Record
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Estimate, Mean, Proportion
 from moe_policy.rollouts.metrics import TOLERANCES

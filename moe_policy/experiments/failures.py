@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-from moe_policy.experiments.records import Record
-from moe_policy.experiments.tables import Column
+from moe_policy.reports.records import Record
+from moe_policy.reports.tables import Column
 from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.support.provenance import Provenance
 

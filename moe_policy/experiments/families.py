@@ -10,10 +10,10 @@ from typing import Self
 import numpy as np
 from sklearn.metrics import adjusted_rand_score
 
-from moe_policy.experiments.records import ABSENT, Absent, Record, read
-from moe_policy.experiments.tables import DASH, Column
 from moe_policy.learning.families import NEIGHBOURS, SMALLEST, WIDTH
 from moe_policy.learning.graph_cuts import Cut, Parts
+from moe_policy.reports.records import ABSENT, Absent, Record, read
+from moe_policy.reports.tables import DASH, Column
 from ocp_envs.data.beyond import Beyond
 from ocp_envs.data.continuation import Continuation
 from ocp_envs.data.samples import Samples

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, renamed
+from moe_policy.reports.records import ABSENT, Absent, Record, inline, renamed
 from ocp_envs import tables
 from ocp_envs.data.database import Database
 from ocp_envs.problem import OptimalControlProblem

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.experiments.learners import LearnerRun, LearnerTraining
-from moe_policy.experiments.records import ABSENT, Absent, Record, present
+from moe_policy.reports.records import ABSENT, Absent, Record, present
 from moe_policy.rl.evaluation import Performance
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Spread

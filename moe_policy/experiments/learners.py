@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, read, renamed
+from moe_policy.reports.records import ABSENT, Absent, Record, inline, read, renamed
 from moe_policy.rl.settings import ALGORITHMS, RLSettings
 from moe_policy.rl.training import TrainingRun
 from moe_policy.rollouts.intervals import Proportion

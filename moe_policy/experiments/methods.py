@@ -22,7 +22,6 @@ from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.learners import LearnerTraining, training_file
-from moe_policy.experiments.records import read
 from moe_policy.planners.margin import WithMargin
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
@@ -30,6 +29,7 @@ from moe_policy.planners.networks import MixtureOfExperts
 from moe_policy.planners.solver import BatchSolver, SolverPlanner, lookaround_of
 from moe_policy.planners.symmetric import Symmetrised
 from moe_policy.protocols import Planner, Policy
+from moe_policy.reports.records import read
 from moe_policy.rl.actor import LearnedPolicy
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.solver import GuardedSolver

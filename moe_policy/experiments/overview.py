@@ -14,11 +14,11 @@ from moe_policy.experiments.benchmark.parts import Overview
 from moe_policy.experiments.checking import CHECKED
 from moe_policy.experiments.comparison import Comparison, ComparisonRow
 from moe_policy.experiments.learners import LearnerTraining
-from moe_policy.experiments.metric_columns import COST, METRICS
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline
 from moe_policy.experiments.seeds import Range, TrainingRow
 from moe_policy.experiments.splits import SeedsRow
-from moe_policy.experiments.tables import Column, with_range
+from moe_policy.reports.metric_columns import COST, METRICS
+from moe_policy.reports.records import ABSENT, Absent, Record, inline
+from moe_policy.reports.tables import Column, with_range
 from moe_policy.rollouts.metrics import TOLERANCES, Metrics
 from ocp_envs.support.provenance import Provenance
 

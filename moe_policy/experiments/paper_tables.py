@@ -14,10 +14,10 @@ from typing import TypeVar
 import numpy as np
 
 from moe_policy.experiments.benchmark import benchmark_of
-from moe_policy.experiments.records import Absent, Record, inline, present
 from moe_policy.experiments.seeds import Range, TrainingRow
-from moe_policy.experiments.tables import DASH, Column, with_range
 from moe_policy.learning.architectures import architecture_of, layer_sizes
+from moe_policy.reports.records import Absent, Record, inline, present
+from moe_policy.reports.tables import DASH, Column, with_range
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.provenance import Provenance

@@ -17,9 +17,6 @@ from sklearn.cluster import KMeans
 from torch import Tensor
 from torch.nn import functional as F
 
-from moe_policy.experiments.metric_columns import METRICS
-from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar
-from moe_policy.experiments.tables import Column, with_range
 from moe_policy.learning.architectures import Hidden, architecture_of, layer_sizes
 from moe_policy.learning.clustering import Labels, cluster
 from moe_policy.learning.families import steepness
@@ -30,6 +27,9 @@ from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_single
 from moe_policy.planners.modules import SingleModule
 from moe_policy.planners.scaling import Standardizer
+from moe_policy.reports.metric_columns import METRICS
+from moe_policy.reports.records import ABSENT, Absent, Record, Scalar
+from moe_policy.reports.tables import Column, with_range
 from moe_policy.rollouts.intervals import Spread
 from moe_policy.rollouts.metrics import Metrics
 from ocp_envs.data.neighbours import neighbour_pairs

@@ -21,8 +21,8 @@ import numpy as np
 
 from moe_policy.experiments.data_report import DataReport
 from moe_policy.experiments.generation import Generation
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, read
 from moe_policy.experiments.seeds import TrainingRow
+from moe_policy.reports.records import ABSENT, Absent, Record, inline, present, read
 from moe_policy.rollouts.intervals import Spread
 from ocp_envs.problem import OptimalControlProblem
 

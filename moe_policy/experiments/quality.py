@@ -19,7 +19,7 @@ import numpy as np
 import ocp_envs
 from moe_policy.experiments.data import contents
 from moe_policy.experiments.generation import Totals
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, renamed
+from moe_policy.reports.records import ABSENT, Absent, Record, inline, renamed
 from ocp_envs.data.database import Database
 from ocp_envs.goal import SINGLE_MODE
 from ocp_envs.problem import OptimalControlProblem

@@ -14,8 +14,8 @@ from typing import Any, Self
 
 from moe_policy.experiments.methods import Method
 from moe_policy.experiments.perturbations import Perturbation
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline
-from moe_policy.experiments.tables import Column, text_table
+from moe_policy.reports.records import ABSENT, Absent, Record, inline
+from moe_policy.reports.tables import Column, text_table
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import Metrics, evaluate

@@ -20,9 +20,9 @@ from types import FrameType
 from typing import NoReturn
 
 from moe_policy.experiments import PACKAGES, install
-from moe_policy.experiments.records import RecordError
 from moe_policy.learning.checkpoint import CheckpointError
 from moe_policy.model_files import ModelFileError
+from moe_policy.reports.records import RecordError
 from moe_policy.store import UnknownModelError
 from ocp_envs.data.layout import DatabaseError
 from ocp_envs.problems import UnknownProblemError

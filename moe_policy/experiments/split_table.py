@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from moe_policy.experiments.metric_columns import METRICS, Metric
-from moe_policy.experiments.records import present
 from moe_policy.experiments.splits import SplitComparison
-from moe_policy.experiments.tables import Column, with_range
+from moe_policy.reports.metric_columns import METRICS, Metric
+from moe_policy.reports.records import present
+from moe_policy.reports.tables import Column, with_range
 from moe_policy.rollouts.intervals import Spread
 from moe_policy.rollouts.metrics import Metrics
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from moe_policy.experiments.comparison import ComparisonRow
 from moe_policy.experiments.distances import DistanceCurves, measures_of
-from moe_policy.experiments.metric_columns import METRICS
-from moe_policy.experiments.records import ABSENT, Absent, Record, inline, present, renamed
 from moe_policy.experiments.trainings import Run
+from moe_policy.reports.metric_columns import METRICS
+from moe_policy.reports.records import ABSENT, Absent, Record, inline, present, renamed
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Estimate, Spread, disjoint
 from moe_policy.rollouts.metrics import Metrics

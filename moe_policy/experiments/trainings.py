@@ -23,13 +23,13 @@ import ocp_envs
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.benchmark.parts import Benchmark
-from moe_policy.experiments.records import read, write
 from moe_policy.experiments.seeds import Model
 from moe_policy.learning import recipes
 from moe_policy.learning.architectures import PAPER_SIZES, layer_sizes
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_single
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.reports.records import read, write
 from moe_policy.store import load_file
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem

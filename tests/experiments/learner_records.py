@@ -10,7 +10,7 @@ from moe_policy.experiments.learners import (
     LearnerValidation,
     training_file,
 )
-from moe_policy.experiments.records import write
+from moe_policy.reports.records import write
 from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.support.provenance import provenance
 

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.borders import BORDER_COLUMNS, VARIANTS, BorderModel, BorderRow, Mixtures
-from moe_policy.experiments.tables import markdown_table
 from moe_policy.learning.clustering import cluster
 from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture
+from moe_policy.reports.tables import markdown_table
 from ocp_envs.data.beyond import Beyond
 from tests.synthetic import fake_samples
 from tests.trainings import equal, weights

@@ -14,8 +14,8 @@ from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.experiments.learner_budgets import ChosenActor, Curve, DevelopmentMetrics, LearnerBudget
 from moe_policy.experiments.learners import CaseSet
 from moe_policy.experiments.planner_budgets import PlannerBudget, PlannerRow
-from moe_policy.experiments.records import read
-from moe_policy.experiments.tables import markdown_table
+from moe_policy.reports.records import read
+from moe_policy.reports.tables import markdown_table
 from moe_policy.rl.settings import PPOSettings, SACSettings
 from moe_policy.rollouts.intervals import Spread
 from ocp_envs.problems.pendulum import PENDULUM

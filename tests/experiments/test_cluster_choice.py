@@ -4,8 +4,8 @@ import pytest
 
 from moe_policy.experiments.cluster_choice import CLUSTER_COLUMNS, ClusterRow, chosen, noted
 from moe_policy.experiments.cluster_models import ClusterModel
-from moe_policy.experiments.records import ABSENT
-from moe_policy.experiments.tables import markdown_table
+from moe_policy.reports.records import ABSENT
+from moe_policy.reports.tables import markdown_table
 
 
 def row(k, *counts, clear=ABSENT):

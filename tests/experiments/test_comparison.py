@@ -11,12 +11,12 @@ from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments import comparison
 from moe_policy.experiments.comparison import COLUMNS, ComparisonRow, CostDifference
 from moe_policy.experiments.methods import Method
-from moe_policy.experiments.records import ABSENT
-from moe_policy.experiments.tables import DASH, markdown_table
 from moe_policy.learning import recipes
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.prediction_error import validation_error
 from moe_policy.planners.stored import StoredPlans
+from moe_policy.reports.records import ABSENT
+from moe_policy.reports.tables import DASH, markdown_table
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import CostRatio
 from ocp_envs.problems.pendulum import PENDULUM

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from moe_policy.experiments.distances import DistanceCurves, log_bins, measures_of
-from moe_policy.experiments.metric_columns import METRICS
+from moe_policy.reports.metric_columns import METRICS
 from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE

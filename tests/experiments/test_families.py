@@ -7,8 +7,8 @@ import pytest
 
 from moe_policy.experiments.families import FAMILY_COLUMNS, Families, Gaps, families
 from moe_policy.experiments.figures.families import families_figure
-from moe_policy.experiments.tables import markdown_table
 from moe_policy.learning.families import families_of
+from moe_policy.reports.tables import markdown_table
 from ocp_envs.data.beyond import Beyond
 from ocp_envs.data.continuation import Continuation
 from ocp_envs.data.neighbours import neighbour_pairs

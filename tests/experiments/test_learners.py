@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from moe_policy.experiments.learners import CaseSet, LearnerRun, Search, Trial, learner_trainings, training_file
-from moe_policy.experiments.records import ABSENT, read, write
+from moe_policy.reports.records import ABSENT, read, write
 from moe_policy.rl.evaluation import Evaluation
 from moe_policy.rl.settings import PPOSettings, SACSettings
 from moe_policy.rl.training import TrainingRun

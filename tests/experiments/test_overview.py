@@ -10,9 +10,9 @@ from moe_policy.experiments.checking import checked_row
 from moe_policy.experiments.comparison import Comparison, ComparisonRow, CostDifference
 from moe_policy.experiments.learners import learner_trainings
 from moe_policy.experiments.overview import FOUND, OverviewTable, Sources, overview_rows
-from moe_policy.experiments.records import present, read
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.splits import SplitComparison, uniform_row
+from moe_policy.reports.records import present, read
 from moe_policy.rollouts.intervals import Mean, Proportion
 from moe_policy.rollouts.metrics import CostRatio, Metrics, Violation
 from ocp_envs.problems import PAPER

@@ -9,9 +9,9 @@ import pytest
 from moe_policy.experiments.benchmark import BENCHMARKS, benchmark_of
 from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, Source, SummaryTable, summarised, summary
-from moe_policy.experiments.records import ABSENT, read
 from moe_policy.experiments.seeds import TrainingComparison, TrainingRow
-from moe_policy.experiments.tables import DASH, markdown_table
+from moe_policy.reports.records import ABSENT, read
+from moe_policy.reports.tables import DASH, markdown_table
 from ocp_envs.problems import BENCHMARK
 from ocp_envs.sets import reference
 from tests.experiments.test_seeds import model

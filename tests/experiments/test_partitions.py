@@ -3,9 +3,9 @@ import pytest
 
 from moe_policy.experiments import partitions
 from moe_policy.experiments.partitions import PARTITION_COLUMNS, PartitionModel, PartitionRow, partition
-from moe_policy.experiments.records import ABSENT
-from moe_policy.experiments.tables import markdown_table
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.reports.records import ABSENT
+from moe_policy.reports.tables import markdown_table
 from tests.synthetic import fake_samples
 
 SETTINGS = TrainingSettings(epochs=2)

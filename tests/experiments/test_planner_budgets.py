@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, planner_rows
-from moe_policy.experiments.records import ABSENT
 from moe_policy.experiments.seeds import Model, Training, TrainingRow
+from moe_policy.reports.records import ABSENT
 from ocp_envs.problems.pendulum import PENDULUM
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"

@@ -46,7 +46,7 @@ def failing(error):
         (PermissionError(13, "Permission denied", "/results/x.json"), 1, "/results/x.json: Permission denied"),
         (OSError(28, "No space left on device"), 1, "No space left on device"),
         (running.RecordError("a.json is not a Record:\n  rows: got 3\n"), 1, "a.json is not a Record:; rows: got 3"),
-        (ModuleNotFoundError("No module named 'cattrs'", name="cattrs.gen"), 1, running.install("cattrs")),
+        (ModuleNotFoundError("No module named 'PIL'", name="PIL.Image"), 1, running.install("PIL")),
     ],
 )
 def test_errors_of_input_and_machine_are_one_line(error, status, words, end):
@@ -76,9 +76,9 @@ def test_an_interrupt_is_one_line(continues, words, end):
 
 
 def test_experiments_without_their_packages_end_in_one_line_before_any_work():
-    code = "import sys; sys.modules['cattrs'] = None; import moe_policy.experiments"
+    code = "import sys; sys.modules['PIL'] = None; import moe_policy.experiments"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
-    assert (done.returncode, done.stderr) == (1, f"error: {running.install('cattrs')}\n")
+    assert (done.returncode, done.stderr) == (1, f"error: {running.install('PIL')}\n")
 
 
 def test_an_option_names_itself_in_the_errors_of_its_value():

@@ -3,11 +3,11 @@
 import pytest
 
 from moe_policy.experiments.benchmark.published import Published
-from moe_policy.experiments.records import ABSENT
 from moe_policy.experiments.seeds import Model, Paper, Range, Training, TrainingRow
 from moe_policy.learning.clustering import cluster
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture, fit_single
+from moe_policy.reports.records import ABSENT
 from tests.synthetic import fake_samples
 
 QUICK = TrainingSettings(epochs=2)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.generation import Totals
-from moe_policy.experiments.records import ABSENT
 from moe_policy.experiments.speed import environments, generation, scaling, solver
+from moe_policy.reports.records import ABSENT
 from ocp_envs.data.settings import DEFAULT_GENERATION
 from ocp_envs.problems.pendulum import PENDULUM
 

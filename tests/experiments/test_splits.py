@@ -16,9 +16,9 @@ from moe_policy.experiments.splits import (
     separations,
     uniform_row,
 )
-from moe_policy.experiments.tables import markdown_table
 from moe_policy.experiments.trainings import Run
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.reports.tables import markdown_table
 from moe_policy.rollouts.intervals import Proportion, Spread
 from moe_policy.rollouts.metrics import evaluate
 from ocp_envs.problems.pendulum import PENDULUM

@@ -24,8 +24,8 @@ import moe_policy
 import ocp_envs
 from moe_policy.experiments import cli, cluster_models, comparison, trainings
 from moe_policy.experiments.benchmark.parts import Quick
-from moe_policy.experiments.tables import text_table
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.reports.tables import text_table
 from moe_policy.rl.settings import SACSettings
 from ocp_envs.data.settings import GenerationSettings
 from ocp_envs.problems.pendulum import PENDULUM

@@ -10,8 +10,8 @@ import numpy as np
 
 from moe_policy.experiments.comparison import MarginRow
 from moe_policy.experiments.figures.style import COLORS, Axes, Figure, Panels, looks, save_figure
-from moe_policy.experiments.records import Absent, present
 from moe_policy.experiments.seeds import TrainingRow
+from moe_policy.reports.records import Absent, present
 from moe_policy.rollouts.metrics import Metrics
 from ocp_envs.support.arrays import Array
 

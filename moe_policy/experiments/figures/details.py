@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from moe_policy.experiments.records import ABSENT, Absent, Record, renamed
+from moe_policy.reports.records import ABSENT, Absent, Record, renamed
 from ocp_envs.support.provenance import Provenance
 
 Numbers = tuple[float, ...]

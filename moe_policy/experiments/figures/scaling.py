@@ -8,7 +8,7 @@ from pathlib import Path
 
 from moe_policy.experiments.figures.style import COLORS, Axes, Figure, save_figure
 from moe_policy.experiments.speed.scaling import BatchRow, Scaling, WorkerRow
-from moe_policy.experiments.tables import duration
+from moe_policy.reports.tables import duration
 
 _TITLES = {"steps": "control steps", "plans": "plans", "solves": "solves"}
 #: Quantities whose rates range over decades.

@@ -12,8 +12,8 @@ import gymnasium as gym
 import numpy as np
 
 from moe_policy.control.tracking import TrackingPolicy
-from moe_policy.experiments.records import ABSENT, Absent, Record, renamed
 from moe_policy.protocols import Planner
+from moe_policy.reports.records import ABSENT, Absent, Record, renamed
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.envs.env import Env

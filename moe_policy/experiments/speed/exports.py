@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.control.tracking import TrackingPolicy
-from moe_policy.experiments.records import Record
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.reports.records import Record
 from ocp_envs.support.arrays import Array, address
 from ocp_envs.support.clock import count_steps
 from ocp_envs.support.compiler import find_compiler

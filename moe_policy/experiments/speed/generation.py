@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from moe_policy.experiments.generation import Totals
-from moe_policy.experiments.records import Record, inline
+from moe_policy.reports.records import Record, inline
 from ocp_envs.data.generation import generate
 from ocp_envs.data.settings import DEFAULT_GENERATION, GenerationSettings
 from ocp_envs.problem import OptimalControlProblem

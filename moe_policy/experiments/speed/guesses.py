@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from moe_policy.experiments.records import Record
-from moe_policy.experiments.tables import Column, duration
 from moe_policy.protocols import Planner
+from moe_policy.reports.records import Record
+from moe_policy.reports.tables import Column, duration
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import NEAREST_WINDING, guesses, random_kind
 from ocp_envs.solvers.solver import GuardedSolver

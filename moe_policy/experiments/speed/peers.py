@@ -15,7 +15,7 @@ from typing import IO, Any, cast
 import gymnasium as gym
 import numpy as np
 
-from moe_policy.experiments.records import Record
+from moe_policy.reports.records import Record
 from ocp_envs.control_step import runge_kutta_steps
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem

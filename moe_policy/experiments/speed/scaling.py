@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from moe_policy.experiments.records import Record
 from moe_policy.experiments.speed.solver import ON_ONE_CORE, draw
+from moe_policy.reports.records import Record
 from moe_policy.store import load_planner
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from moe_policy.experiments.records import ABSENT, Absent, Record
+from moe_policy.reports.records import ABSENT, Absent, Record
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.warm_starts import local_fit
 from ocp_envs.data.worker import start_from

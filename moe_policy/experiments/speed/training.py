@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from moe_policy.experiments.records import Record
 from moe_policy.learning.architectures import architecture_of, layer_sizes
 from moe_policy.learning.examples import Examples, Split
 from moe_policy.learning.fitting import Objective
 from moe_policy.learning.settings import DEFAULT
 from moe_policy.planners.modules import SingleModule
+from moe_policy.reports.records import Record
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import load
 from ocp_envs.support.provenance import Provenance

@@ -25,7 +25,6 @@ from moe_policy.experiments.overview import OverviewTable
 from moe_policy.experiments.paper_tables import SummaryTable, TrainingTable
 from moe_policy.experiments.partitions import Partitions
 from moe_policy.experiments.quality import Quality
-from moe_policy.experiments.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from moe_policy.experiments.robustness import Robustness
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.environments import EnvironmentSpeed, RolloutSpeed
@@ -36,6 +35,7 @@ from moe_policy.experiments.speed.scaling import Scaling
 from moe_policy.experiments.speed.solver import SolverSpeed
 from moe_policy.experiments.speed.training import TrainingSpeed
 from moe_policy.experiments.splits import SplitComparison
+from moe_policy.reports.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
 from ocp_envs.support.provenance import Provenance, provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"

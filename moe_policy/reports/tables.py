@@ -8,7 +8,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
-from moe_policy.experiments.records import present
+from moe_policy.reports.records import present
 from moe_policy.rollouts.intervals import Proportion
 
 Row = TypeVar("Row")
@@ -19,12 +19,16 @@ DASH = "–"
 
 @dataclass(frozen=True)
 class Column(Generic[Row]):
-    """A column of a table."""
+    """A column of a table.
 
-    title: str  # heading
-    #: row → value; ``None``, NaN and :data:`~moe_policy.experiments.records.ABSENT` become a dash
+    Args:
+        title: heading.
+        of: row → value; ``None``, NaN and :data:`~moe_policy.reports.records.ABSENT` become a dash.
+        form: how a value is written: a format specification such as ``".3f"``, or a function to text.
+    """
+
+    title: str
     of: Callable[[Row], object]
-    #: how a value is written: a format specification such as ``".3f"``, or a function to text
     form: str | Callable[[Any], str] = ""
 
     def cell(self, row: Row) -> str:
@@ -40,7 +44,7 @@ class Column(Generic[Row]):
 
 
 def proportion(value: Proportion) -> str:
-    """For instance ``998 (99.3–99.9 %)``: the count and its interval."""
+    """``value`` as text, for instance ``998 (99.3–99.9 %)``: the count and its interval."""
     low, high = value.interval
     return f"{value.count} ({100 * low:.1f}–{100 * high:.1f} %)"
 
@@ -62,7 +66,7 @@ def with_range(form: str) -> Callable[[Spreading], str]:
 
 
 def duration(seconds: float) -> str:
-    """Seconds with the prefix that fits, three digits: ``12.3 µs``, ``4.56 ms``, ``7.89 s``, ``12.3 min``."""
+    """``seconds`` with the prefix that fits, three digits: ``12.3 µs``, ``4.56 ms``, ``7.89 s``, ``12.3 min``."""
     if seconds >= 120:
         return f"{seconds / 60:.3g} min"
     for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "µs")):
@@ -83,7 +87,7 @@ def _cells(rows: Sequence[Row], columns: Sequence[Column[Row]]) -> tuple[list[li
 
 
 def markdown_table(rows: Sequence[Row], columns: Sequence[Column[Row]]) -> str:
-    """A Markdown table of ``rows``, numbers aligned to the right; ends with a newline."""
+    """A Markdown table of ``rows`` with the ``columns``, numbers aligned to the right; ends with a newline."""
     cells, right = _cells(rows, columns)
     head, *body = [[text.replace("|", "\\|") for text in line] for line in cells]
     lines = [head, ["---:" if r else "---" for r in right], *body]
@@ -91,7 +95,7 @@ def markdown_table(rows: Sequence[Row], columns: Sequence[Column[Row]]) -> str:
 
 
 def text_table(rows: Sequence[Row], columns: Sequence[Column[Row]]) -> str:
-    """The same for a terminal, aligned with spaces."""
+    """The table of ``rows`` with the ``columns`` for a terminal, aligned with spaces."""
     cells, right = _cells(rows, columns)
     widths = [max(len(line[i]) for line in cells) for i in range(len(cells[0]))]
     rule = ["-" * width for width in widths]

@@ -5,19 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from moe_policy.experiments.tables import Column, proportion
+from moe_policy.reports.tables import Column, proportion
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import TOLERANCES, Metrics, Violation
 
 
 @dataclass(frozen=True)
 class Metric:
-    """One metric: its column in tables of single methods, and its value where there is one for each training seed."""
+    """One metric: its column in tables of single methods, and its value where there is one for each training seed.
 
-    key: str  # name in records
-    column: Column[Metrics]  # with its interval
-    value: Callable[[Metrics], float | None]  # alone; ``None`` where the method or the problem has none
-    form: str  # of the value
+    Args:
+        key: name in records.
+        column: of the metric with its interval.
+        value: of the metric alone; ``None`` where the method or the problem has none.
+        form: how the value is written.
+    """
+
+    key: str
+    column: Column[Metrics]
+    value: Callable[[Metrics], float | None]
+    form: str
 
 
 def _fraction(key: str, title: str, of: Callable[[Metrics], Proportion | None]) -> Metric:

@@ -1,7 +1,7 @@
 import pytest
 
-from moe_policy.experiments.records import ABSENT
-from moe_policy.experiments.tables import Column, duration, markdown_table, proportion, text_table
+from moe_policy.reports.records import ABSENT
+from moe_policy.reports.tables import Column, duration, markdown_table, proportion, text_table
 from moe_policy.rollouts.intervals import Proportion
 
 ROWS = [
