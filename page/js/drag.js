@@ -1,13 +1,13 @@
 // Dragging with mouse, pen or finger, and moving with the arrow keys.
 
-/** Call `move` with the pixel [x, y] of the canvas while the pointer drags from where `begins` allows. */
-export function draggable(canvas, move, begins = () => true) {
+/** Call `move` with the pixel [x, y] of the canvas while the pointer drags, and with whether it is the first. */
+export function draggable(canvas, move) {
   const pixel = (event) => {
     const { left, top } = canvas.getBoundingClientRect();
     return [event.clientX - left, event.clientY - top];
   };
   canvas.addEventListener("pointerdown", (event) => {
-    if (event.button > 0 || !begins(pixel(event), event)) return;
+    if (event.button > 0) return;
     canvas.setPointerCapture(event.pointerId);
     canvas.focus({ preventScroll: true });
     event.preventDefault();

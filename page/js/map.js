@@ -5,6 +5,13 @@ import { borders, choices, gridOf, labels } from "./regions.js";
 
 const MARGIN = { left: 40, right: 14, top: 26, bottom: 40 }, NODES = 81;
 
+/** Narrow a box to `ratio` times as wide as it is high, so that directions are true. */
+function square(box, ratio) {
+  const width = box.right - box.left, height = box.bottom - box.top;
+  const inset = [Math.max(0, width - height * ratio) / 2, Math.max(0, height - width / ratio) / 2];
+  Object.assign(box, { left: box.left + inset[0], right: box.right - inset[0], top: box.top + inset[1], bottom: box.bottom - inset[1] });
+}
+
 /** A colour #rrggbb as [r, g, b]. */
 const rgb = (hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
 
@@ -12,13 +19,32 @@ export class RegionMap {
   /** `view` says which parameters are x and y, how axes and regions are named, and what is drawn over the regions. */
   constructor(canvas, model, view) {
     Object.assign(this, { canvas, model, view, key: null });
+    canvas.style.aspectRatio = view.aspect;
   }
 
   geometry(width, height) {
     const box = { left: MARGIN.left, right: width - MARGIN.right, top: MARGIN.top, bottom: height - MARGIN.bottom };
     const range = (i) => [this.model.problem.parameters[i].lower, this.model.problem.parameters[i].upper];
     const [xs, ys] = [range(this.view.x), range(this.view.y)];
+    if (this.view.equal) square(box, (xs[1] - xs[0]) / (ys[1] - ys[0]));
     return { box, x: scale(xs, [box.left, box.right]), y: scale(ys, [box.bottom, box.top]), xs, ys };
+  }
+
+  /** The end of the arm that shows the direction of a parameter, from the y axis on. */
+  armEnd(p) {
+    const [x, y] = this.pixel(p), { index, length } = this.view.arm;
+    return [x + length * Math.sin(p[index]), y - length * Math.cos(p[index])];
+  }
+
+  onArm(p, pixel) {
+    return Boolean(this.view.arm) && Math.hypot(...this.armEnd(p).map((value, i) => value - pixel[i])) < 22;
+  }
+
+  /** Parameters with the arm towards a pixel. */
+  turned(p, pixel) {
+    const [x, y] = this.pixel(p), found = [...p];
+    found[this.view.arm.index] = Math.atan2(pixel[0] - x, y - pixel[1]);
+    return found;
   }
 
   /** Parameters with those of the map at a pixel of the canvas. */
@@ -60,7 +86,7 @@ export class RegionMap {
     return made;
   }
 
-  draw(p, plans, time) {
+  draw(p, methods) {
     const { g, width, height } = prepared(this.canvas), colors = theme(), place = this.geometry(width, height);
     const { box, x, y } = place, { picture, lines, names } = this.regions(p, place, colors);
     g.drawImage(picture, box.left, box.top, box.right - box.left, box.bottom - box.top);
@@ -74,10 +100,11 @@ export class RegionMap {
       g.stroke();
     }
     g.setLineDash([]);
+    this.view.over?.(g, { x, y, colors, p, methods, problem: this.model.problem });
     for (const { expert, size, u, v } of names)
       if (size > 36) this.name(g, this.view.families[expert].short, box.left + u, box.top + v, colors);
-    this.view.over?.(g, { x, y, box, colors, p, plans, time });
-    this.handle(g, x(p[this.view.x]), y(p[this.view.y]), colors);
+    if (this.view.arm) this.arm(g, p, colors);
+    else this.handle(g, ...this.pixel(p), colors);
   }
 
   name(g, words, x, y, colors) {
@@ -94,6 +121,14 @@ export class RegionMap {
       g.fillRect(x(at[this.view.x]) - 1.2, y(at[this.view.y]) - 1.2, 2.4, 2.4);
     }
     g.globalAlpha = 1;
+  }
+
+  arm(g, p, colors) {
+    const end = this.armEnd(p);
+    Object.assign(g, { strokeStyle: colors.ink, lineWidth: 1.5 });
+    polyline(g, [this.pixel(p), end]);
+    g.stroke();
+    this.handle(g, ...end, colors);
   }
 
   handle(g, x, y, colors) {

@@ -44,7 +44,7 @@ export class Network {
   }
 
   inputs(within) {
-    return within.map((value, i) => Math.fround((value - this.input_mean[i]) / this.input_std[i]));
+    return within.map((value, i) => (value - this.input_mean[i]) / this.input_std[i]);
   }
 
   /** The gate's outputs c(p), of which the largest belongs to the chosen expert; null for a single network. */

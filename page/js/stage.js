@@ -20,8 +20,8 @@ export class Stage {
     this.map = new RegionMap(part("map"), model, view.map);
     this.chart = new Chart(part("chart"), view.chart);
     this.player = new Player(part("play"), part("time"), part("seconds"), () => this.paint());
-    this.sliders = new Sliders(part("sliders"), model.problem.parameters, (i, value) => this.set(this.p.with(i, value)));
-    for (const name of ["task", "sceneHint"]) part(name).textContent = view[name];
+    this.sliders = new Sliders(part("sliders"), model.problem.parameters, (i, value) => this.set(this.p.map((old, k) => (k === i ? value : old))));
+    for (const name of ["task", "mapHint", "sceneHint"]) part(name).textContent = view[name];
     part("clearance").hidden = !model.problem.clearances;
     part("stored").textContent = `${model.nearest.count} of ${model.nearest.total}`;
     this.legend();
@@ -32,13 +32,17 @@ export class Stage {
 
   listen() {
     const { part, map, view } = this, scene = part("scene");
-    draggable(part("map"), (pixel) => this.set(map.at(this.p, pixel)));
+    let turning = false;
+    draggable(part("map"), (pixel, first) => {
+      if (first) turning = map.onArm(this.p, pixel);
+      this.set(turning ? map.turned(this.p, pixel) : map.at(this.p, pixel));
+    });
     movable(part("map"), ([dx, dy]) => {
       const [x, y] = map.pixel(this.p);
       this.set(map.at(this.p, [x + dx, y + dy]));
     });
     const size = () => ({ width: scene.clientWidth, height: scene.clientHeight });
-    if (view.dragged) draggable(scene, (pixel, first) => this.set(view.dragged(this.p, pixel, size(), first)));
+    if (view.dragged) draggable(scene, (pixel, first) => this.set(view.dragged(this.p, pixel, size())));
     part("sweep").addEventListener("click", () => this.sweep());
     part("random").addEventListener("click", () => {
       const { parameters } = this.model.problem;
@@ -97,7 +101,7 @@ export class Stage {
   paint() {
     if (!this.root.clientWidth || !this.methods) return;
     const methods = this.methods.filter(({ id }) => !this.hidden.has(id)), { problem } = this.model, { time } = this.player;
-    this.map.draw(this.p, methods, time);
+    this.map.draw(this.p, methods);
     this.chart.draw(methods, time, problem);
     const { g, width, height } = prepared(this.part("scene"));
     this.view.scene(g, { width, height, colors: theme(), methods, problem, time, p: this.p });

@@ -41,8 +41,12 @@ export function fill(body, methods, problem) {
 export function sentence(methods, families) {
   return methods.map(({ id, name, verdict, expert }) => {
     const outcome = verdict.atEnd ? "reaches the goal" : "misses the goal";
-    const chosen = id === "mixture" ? `The ${name} chooses “${families[expert].long}” and ${outcome}` : `The ${name} ${outcome}`;
-    return `${chosen} (error ${digits(verdict.error)}, cost ${digits(verdict.cost)}).`;
+    const subject = {
+      snn: `The ${name}`,
+      mixture: `The ${name} chooses “${families[expert].long}” and`,
+      nearest: `The ${name}, which belongs to another initial condition,`,
+    }[id];
+    return `${subject} ${outcome} (error ${digits(verdict.error)}, cost ${digits(verdict.cost)}).`;
   }).join(" ");
 }
 

@@ -44,6 +44,7 @@ class Shown:
 #: The problems of the page, by the names of their files.
 SHOWN: Mapping[str, Shown] = {
     "pendulum": Shown("PendulumSwingup-v0", "moe-custom", 650),
+    "vehicle": Shown("GroundVehicle-v0", "moe-custom", 400),
 }
 
 

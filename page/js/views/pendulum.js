@@ -33,7 +33,8 @@ export const PENDULUM = {
   task: "Swing a pendulum up and stop it upright. Its motor is too weak to lift it directly, so from most initial conditions it has to swing to one side first: which side is best changes abruptly.",
   initial: [2.7, -0.55],
   sweep: { from: [2.2, -0.55], to: [3.2, -0.55] },
-  clearanceName: null,
+  mapHint: "Drag the point. Small dots show the family of stored optima.",
+  sceneHint: "Drag the pendulum to another initial angle.",
   map: {
     x: 0,
     y: 1,
@@ -89,5 +90,4 @@ export const PENDULUM = {
     const theta = Math.atan2(u - width / 2, v - height / 2);
     return [(theta + 2 * Math.PI) % (2 * Math.PI), p[1]];
   },
-  sceneHint: "Drag the pendulum to another initial angle.",
 };
