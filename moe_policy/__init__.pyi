@@ -45,6 +45,9 @@ from moe_policy.protocols import Planner as Planner
 from moe_policy.protocols import PlanningPolicy as PlanningPolicy
 from moe_policy.protocols import Policy as Policy
 from moe_policy.protocols import Schedule as Schedule
+from moe_policy.replanning.renewal import Renewal as Renewal
+from moe_policy.replanning.replanning import Renewed as Renewed
+from moe_policy.replanning.replanning import Replanning as Replanning
 from moe_policy.rl.actor import Actor as Actor
 from moe_policy.rl.actor import Held as Held
 from moe_policy.rl.actor import LearnedPolicy as LearnedPolicy

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -72,7 +72,7 @@ class Schedule(Batch):
     Args:
         plan_end: time of the control step at which the plan ends, seconds; 0 for a rejected plan.
         evaluation: evaluation time, at which success is decided, seconds.
-        knot_step: time between the knots of the plan, seconds; NaN for a rejected plan.
+        knot_step: time between the knots of the plan, seconds; NaN for a rejected plan, and where the plan is renewed.
         clipped: whether the plan's duration was outside its bounds and was clipped.
         rejected: whether the plan was not finite, so that the policy regulates to the goal from the beginning.
     """
@@ -83,15 +83,23 @@ class Schedule(Batch):
     clipped: Bools
     rejected: Bools
 
+    def shifted(self, seconds: Array) -> Schedule:
+        """This schedule with times that are later by ``seconds`` (B,); when its knots were is no longer known."""
+        unknown = np.full(len(seconds), np.nan)
+        return replace(self, plan_end=self.plan_end + seconds, evaluation=self.evaluation + seconds, knot_step=unknown)
+
 
 @runtime_checkable
 class PlanningPolicy(Policy, Protocol):
     """A policy that plans at the beginning of an episode: it takes the parameters in full precision, and it knows its
-    evaluation time.
+    evaluation time. One that plans again on the way announces another schedule then.
     """
 
     def start(self, parameters: Array) -> State:
         """The recurrent state at the beginning of episodes with ``parameters`` (B, np)."""
 
     def schedule(self, state: State) -> Schedule:
-        """The schedule of episodes with the recurrent ``state`` of :meth:`start`."""
+        """The schedule of episodes with the recurrent ``state`` of :meth:`start`, or with a later one.
+
+        Where nothing has changed it is the same object.
+        """

@@ -11,6 +11,7 @@ covers a whole turn, its ends are the same state, which is written as the lower 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.doors import checked
-from ocp_envs.system import Box
+from ocp_envs.system import Box, Coordinate
 
 BOX_TOLERANCE = 1e-6
 #: The turn around the centre ends by this fraction of a turn before its upper end, so that rounding does not decide by
@@ -79,6 +80,19 @@ class Parametrisation:
         p[:, in_state] = states[:, slots]
         p[:, in_context] = contexts
         return p
+
+    def whole_state(self) -> Box:
+        """The box of [x_0; s]: all states, an angle in one turn around the centre of its box here, and the contexts."""
+        here = dict(zip(self.box.names, self.box.centre))
+
+        def one_turn(coordinate: Coordinate) -> Coordinate:
+            if coordinate.period is None:
+                return coordinate
+            centre = here.get(coordinate.name, (coordinate.lower + coordinate.upper) / 2)
+            half = coordinate.period / 2
+            return dataclasses.replace(coordinate, lower=float(centre - half), upper=float(centre + half))
+
+        return Box((*map(one_turn, self.states.coordinates), *self.context.coordinates))
 
     @cached_property
     def turn(self) -> tuple[Array, Array, Array]:

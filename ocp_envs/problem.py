@@ -311,6 +311,16 @@ class OptimalControlProblem:
         trial.check(plant, nominal=False)
         return plant
 
+    @cached_property
+    def from_any_state(self) -> OptimalControlProblem:
+        """The same problem from any state in the operating box: its parameter is [x_0; s].
+
+        The rest of a trajectory is a trajectory of it. Angles are written in the same turn, from which the windings of
+        the goal count.
+        """
+        parameters = self.parametrisation.whole_state()
+        return _of_checked({**self._fields(), "parameters": parameters, "distribution": UNIFORM})
+
     def with_varied(self, **sides: Sequence[float]) -> OptimalControlProblem:
         """The same problem with physical constants as further parameters, after its own: a plant for a batch.
 

@@ -200,6 +200,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "Symmetry": lambda: PENDULUM.symmetry or ocp_envs.Symmetry("turn", np.eye(2), np.eye(1), np.eye(0)),
     "System": lambda: PENDULUM.system,
     "Table": lambda: ocp_envs.Table(P),
+    "Renewed": lambda: moe_policy.Replanning(moe_policy.NearestPlanner(SAMPLES)).start(P),
     "Tracking": lambda: policy().start(P),
     "TrackingWeights": lambda: moe_policy.TrackingWeights.default(PENDULUM),
     "TrainingReport": lambda: moe_policy.TrainingReport((part(),), 0.5),

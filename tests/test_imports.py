@@ -59,6 +59,7 @@ WINGS = {
     "moe_policy.control": None,
     "moe_policy.rollouts": None,
     "moe_policy.checking": None,
+    "moe_policy.replanning": None,
     "moe_policy.rl": None,
     "moe_policy.reports": None,
     "store": ("store",),

@@ -53,14 +53,14 @@ static void advance(const setting *s, const tracked *t, long long at, const doub
 }
 
 /* Episodes from x (rows, NX), which end there; of each row cost, error at the plan's end, smallest clearance, left the
-box, and stayed at the goal, (rows, 5). Tracking arrays have length control steps. Terminal regulation is run up to the
+box, stayed at the goal, and cost up to the plan's end, (rows, 6). Tracking arrays have length control steps. Terminal regulation is run up to the
 step evaluations where the plan ends at the goal, and is clear. */
 void run(long long rows, long long length, const long long *steps, const long long *evaluations, double dt,
          double radius, double knots, const double *goal, const boxes *b, double *x, const double *contexts,
          const tracked *t, const double *knot_step, double *out) {
   const setting s = {dt, radius, knots, goal, *b};
   for (long long row = 0; row < rows; ++row) {
-    double *state = x + row * NX, *result = out + 5 * row, cost = 0, left = 0, next[NX], summary[4];
+    double *state = x + row * NX, *result = out + 6 * row, cost = 0, total = 0, left = 0, next[NX], summary[4];
     const double *context = contexts + row * NC;
     double error = error_of(&s, state), clear = clearance_of(state, context);
     int entered = error < radius;
@@ -76,12 +76,13 @@ void run(long long rows, long long length, const long long *steps, const long lo
         clear = fmin(clear, clearance_of(between, context));
       }
       if (!entered) cost += summary[0];
+      total += summary[0];
       left = summary[3];
       error = error_of(&s, next);
       entered |= error < radius && !left;
       for (int i = 0; i < NX; ++i) state[i] = next[i];
     }
-    result[0] = cost; result[1] = error;
+    result[0] = cost; result[1] = error; result[5] = total;
     for (long long step = steps[row]; step < evaluations[row] && !left && result[1] < radius && clear > 0; ++step) {
       advance(&s, t, (row + 1) * length - 1, state, context, next, summary);
       clear = fmin(clear, clearance_of(next, context));

@@ -31,8 +31,8 @@ class Ended(NamedTuple):
     """How B episodes ended, each (B,).
 
     The ``cost`` up to the first entry into the goal ball, the ``error`` at the plan's end, the smallest ``clearance``
-    on the way, whether the state ``left_box``, and whether it ``stayed`` in the goal ball until the evaluation.
-    Terminal regulation is run where the plan ends at the goal and is clear.
+    on the way, whether the state ``left_box``, whether it ``stayed`` in the goal ball until the evaluation, and the
+    ``total`` cost up to the plan's end. Terminal regulation is run where the plan ends at the goal and is clear.
     """
 
     cost: Array
@@ -40,6 +40,7 @@ class Ended(NamedTuple):
     clearance: Array
     left_box: Bools
     stayed: Bools
+    total: Array
 
 
 def compiled(plant: OptimalControlProblem, step: ca.Function) -> Callable[..., None] | None:
@@ -85,7 +86,7 @@ def run_compiled(
     steps, evaluations = map(np.ascontiguousarray, _steps(problem, dt, tracking))
     # Named, so that they live until the program returns.
     boxes, target = [np.ascontiguousarray(each) for each in box_arrays(problem)], problem.terminal.central_state
-    end, out = np.array(states, dtype=np.float64), np.empty((len(states), 5))
+    end, out = np.array(states, dtype=np.float64), np.empty((len(states), 6))
     given, knot_step = np.ascontiguousarray(contexts), np.ascontiguousarray(schedule.knot_step)
     program(
         len(states),
@@ -103,8 +104,8 @@ def run_compiled(
         address(knot_step),
         address(out),
     )
-    cost, error, clearance, left, stayed = np.ascontiguousarray(out.T)
-    return Ended(cost, error, clearance, left > 0, stayed > 0)
+    cost, error, clearance, left, stayed, total = np.ascontiguousarray(out.T)
+    return Ended(cost, error, clearance, left > 0, stayed > 0, total)
 
 
 def _steps(problem: OptimalControlProblem, dt: float, tracking: Tracking) -> tuple[Ints, Ints]:
@@ -126,7 +127,8 @@ def run(policy: TrackingPolicy, simulator: Simulator, states: Array, contexts: A
     path = Violations(problem, policy.dt, x, contexts, schedule.knot_step)
     error = at_end = problem.goal_error(x, contexts)
     earliest = ends if problem.horizon.fixed else np.zeros_like(ends)
-    cost, entered, left, none = (
+    cost, total, entered, left, none = (
+        np.zeros(size),
         np.zeros(size),
         (error < radius) & (earliest == 0),
         np.zeros(size, bool),
@@ -143,13 +145,15 @@ def run(policy: TrackingPolicy, simulator: Simulator, states: Array, contexts: A
         result = simulator.advance(x, controls, contexts)
         path.add(step, running, x, result.states)
         cost += np.where(running & ~entered, result.cost, 0.0)
+        total += np.where(running & planned, result.cost, 0.0)
         left |= running & result.left_box
         error = np.where(running, problem.goal_error(result.states, contexts), error)
         at_end = np.where(planned, error, at_end)
         enters = running & ~entered & ~left & (error < radius) & (step >= earliest)
         if problem.terminal_cost is not None:
             (terminal,) = problem.functions.terminal_cost()(result.states, contexts)
+            total += np.where(running & (step == ends), terminal[:, 0], 0.0)
             cost += np.where(enters | (running & ~entered & ~left & (step == evaluations)), terminal[:, 0], 0.0)
         entered |= enters
         x = np.where(running[:, None], result.states, x)
-    return Ended(cost, at_end, path.clearance, left, error < radius)
+    return Ended(cost, at_end, path.clearance, left, error < radius, total)

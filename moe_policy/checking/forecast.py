@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from moe_policy.checking.episodes import compiled, run, run_compiled
+from moe_policy.control.step import Tracking
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.control.weights import TrackingWeights
 from ocp_envs.envs.simulation import Simulator
@@ -37,6 +38,7 @@ class Predicted(Batch):
         rejected: the plan was not finite, or has no finite gains.
         success: at the plan's end the state is in the goal ball, before any terminal regulation; it is still there at
             the evaluation; and all constraints are kept until then.
+        total: ∫L dt up to the plan's end, with the terminal cost.
     """
 
     cost: Array
@@ -45,6 +47,7 @@ class Predicted(Batch):
     left_box: Bools
     rejected: Bools
     success: Bools
+    total: Array
 
 
 class Forecast:
@@ -71,10 +74,12 @@ class Forecast:
 
     def __call__(self, parameters: Array, plans: Trajectory) -> Predicted:
         """The episodes of B ``plans`` for instances with ``parameters`` (B, np)."""
-        problem, simulator = self.problem, self._simulator
-        states, contexts = problem.start(parameters)
-        tracking = self._policy.follow(plans, contexts)
-        schedule = tracking.schedule
+        states, contexts = self.problem.start(parameters)
+        return self.continued(states, contexts, self._policy.follow(plans, contexts))
+
+    def continued(self, states: Array, contexts: Array, tracking: Tracking) -> Predicted:
+        """The episodes from ``states`` (B, nx) in ``contexts`` (B, nc) with the recurrent state ``tracking``."""
+        problem, simulator, schedule = self.problem, self._simulator, tracking.schedule
         program = compiled(simulator.problem, simulator.step_function)
         if program is None:
             ended = run(self._policy, simulator, states, contexts, tracking)
@@ -83,7 +88,8 @@ class Forecast:
         clear = ended.clearance >= (SLACK if problem.n_clearances else -np.inf)
         reached = (ended.error < problem.goal.radius * (1 - SLACK)) & ended.stayed
         success = reached & clear & ~ended.left_box & ~schedule.rejected
-        return Predicted(ended.cost, ended.error, ended.clearance, ended.left_box, schedule.rejected, success)
+        told = (ended.cost, ended.error, ended.clearance, ended.left_box)
+        return Predicted(*told, schedule.rejected, success, ended.total)
 
 
 def _no_planner(parameters: Array) -> Trajectory:

@@ -99,6 +99,7 @@ def solved(
     guesses: Sequence[Trajectory],
     margin: Array,
     failing: Selected,
+    last_resort: bool = True,
 ) -> Selected:
     """The plans of ``failing``, B of them, or solutions from ``guesses`` with a better forecast.
 
@@ -109,14 +110,16 @@ def solved(
         guesses: batches of B plans from which it is solved.
         margin: on the path constraints, (B,).
         failing: the plans.
+        last_resort: whether the fallback solver is used where nothing else helps.
     """
     best = failing
     # The fallback solver takes seconds where a problem is large: from the likeliest plan alone.
-    for tried, last_resort in ((guesses, False), (guesses[:1], True)):
+    attempts = ((guesses, False), (guesses[:1], True)) if last_resort else ((guesses, False),)
+    for tried, fallback in attempts:
         rows = np.flatnonzero(~best.predicted.success)
         if len(rows):
             found = [guess[rows] for guess in tried]
-            best = _solved_from(forecast, model, parameters, rows, found, margin[rows], best, last_resort)
+            best = _solved_from(forecast, model, parameters, rows, found, margin[rows], best, fallback)
     return best
 
 

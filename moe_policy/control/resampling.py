@@ -46,17 +46,20 @@ def mean_controls(plan: Trajectory, dt: float, steps: int, after: Array) -> Arra
 
     They are (B, steps, nu) for B plans in ``plan``; past the end of a plan its control is ``after`` (B, nu).
     """
+    return np.asarray(np.diff(_integral(plan, np.asarray(dt * np.arange(steps + 1)), after), axis=1) / dt)
+
+
+def _integral(plan: Trajectory, times: Array, after: Array) -> Array:
+    """∫u dt from 0 to ``times`` (B, T) or (T,), seconds, (B, T, nu); past the end of a plan u is ``after`` (B, nu)."""
     step = plan.step[:, None]
     integral = np.concatenate(
         [np.zeros_like(plan.controls[:, :1]), np.cumsum(plan.controls * step[..., None], axis=1)], axis=1
     )
     held = np.concatenate([plan.controls, after[:, None]], axis=1)
-    times = dt * np.arange(steps + 1)
     interval = np.minimum((times / step).astype(np.int64), plan.knots - 1)
     rows = np.arange(len(plan))[:, None]
     since = times - interval * step
-    at_steps = integral[rows, interval] + since[..., None] * held[rows, interval]
-    return np.asarray(np.diff(at_steps, axis=1) / dt)
+    return np.asarray(integral[rows, interval] + since[..., None] * held[rows, interval])
 
 
 def states_at(rate: BatchFunction, plan: Trajectory, contexts: Array, times: Array) -> Array:
@@ -103,3 +106,15 @@ class Resampler:
             controls=mean_controls(plan, self.dt, longest, self.problem.terminal.controls(contexts)),
             steps=steps,
         )
+
+    def rest(self, plan: Trajectory, contexts: Array, elapsed: Array) -> Trajectory:
+        """The rest of the B plans in ``plan`` after ``elapsed`` (B,) seconds, on as many knots.
+
+        A rest that is shorter than the shortest plan stays at its end. The plans are finite, in ``contexts`` (B, nc).
+        """
+        duration = np.maximum(plan.duration - elapsed, self.problem.horizon.of(contexts)[:, 0])
+        step = (duration / (plan.knots - 1))[:, None]
+        times = elapsed[:, None] + step * np.arange(plan.knots)
+        integral = _integral(plan, times, self.problem.terminal.controls(contexts))
+        states = states_at(self.problem.functions.rate(), plan, contexts, times)
+        return Trajectory(states, np.diff(integral, axis=1) / step[..., None], duration)

@@ -78,6 +78,20 @@ class Tracking(Batch):
         following.__dict__.update(self.__dict__, clock=self.clock + _ONE)
         return following
 
+    def rest(self, dt: float) -> Tracking:
+        """This state without its past: the next control step, of ``dt`` seconds, is the first, and times count from it.
+
+        Of the plan's knots nothing is known any more.
+        """
+        last = self.states.shape[1] - 1
+        steps = np.minimum(self.clock[:, None] + np.arange(max(1, last + 1 - int(self.clock.min(initial=0)))), last)
+        rows = np.arange(len(steps))[:, None]
+        states, controls, gains, norms = (
+            each[rows, steps] for each in (self.states, self.controls, self.gains, self.norms)
+        )
+        schedule = self.schedule.shifted(np.asarray(-dt * self.clock))
+        return Tracking(states, controls, gains, norms, np.zeros_like(self.clock), schedule)
+
     def padded(self, length: int) -> Tracking:
         """This state with ``length`` control steps, the last one repeated."""
         states, controls, gains, norms = (

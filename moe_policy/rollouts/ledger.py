@@ -7,7 +7,7 @@ import numpy as np
 from moe_policy.protocols import Schedule
 from moe_policy.rollouts.episodes import Episodes
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.clock import count_steps
 
 
@@ -83,11 +83,22 @@ class Ledger:
         self._final_error, self._plan_end_error = unknown.copy(), unknown.copy()
         self._entry, self._plan_end, self._evaluation = (np.full(size, step) for step in (-1, -1, steps))
         if schedule is not None:
-            self._evaluation = np.minimum(count_steps(schedule.evaluation, dt), steps)
-            self._plan_end = np.minimum(count_steps(schedule.plan_end, dt), steps)
+            self._evaluation, self._plan_end = self._steps_of(schedule)
         knot_step = unknown if schedule is None else schedule.knot_step
         self._violations = Violations(problem, dt, states, contexts, knot_step)
         self._note(0, self._error < problem.goal.radius)
+
+    def _steps_of(self, schedule: Schedule) -> tuple[Ints, Ints]:
+        """The control steps of the evaluation and of the plan's end, (B,) each."""
+        times = (schedule.evaluation, schedule.plan_end)
+        evaluation, plan_end = (np.minimum(count_steps(time, self.dt), self.steps) for time in times)
+        return evaluation, plan_end
+
+    def reschedule(self, schedule: Schedule) -> None:
+        """Episodes that are running have another ``schedule`` from now on."""
+        self.schedule, (evaluation, plan_end) = schedule, self._steps_of(schedule)
+        self._evaluation = np.where(self.running, evaluation, self._evaluation)
+        self._plan_end = np.where(self.running, plan_end, self._plan_end)
 
     def add(self, step: int, before: Array, after: Array, cost: Array, left_box: Bools) -> None:
         """Add control step number ``step``, from the states ``before`` to those ``after`` (B, nx).

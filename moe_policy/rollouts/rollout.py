@@ -4,7 +4,8 @@
     success    the state was in the goal ball at the evaluation time
     cost       ∫L dt up to the first entry, or of the whole episode where there is none
 
-The evaluation time of a policy that plans is known in advance (see :class:`moe_policy.protocols.PlanningPolicy`). Any
+The evaluation time of a policy that plans is known in advance (see :class:`moe_policy.protocols.PlanningPolicy`); where
+it plans again, that of the last plan counts. Any
 other policy, and any with ``evaluation="goal"``, is evaluated ``problem.hold`` seconds after the first entry, at the
 latest at the horizon. An episode ends when it is evaluated or when it leaves the operating box, which the environment
 charges and which is never a success. All results are those of the simulator: no wrapper changes them, except
@@ -16,7 +17,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -98,6 +99,9 @@ def _run(envs: Environments, policy: Policy, p: Array, steps: int, record: bool,
     while ledger.running.any():
         step, running = step + 1, ledger.running.copy()
         action, state = act(policy, observation, state, begins)
+        if schedule is not None and (renewed := cast(PlanningPolicy, policy).schedule(state)) is not schedule:
+            schedule = renewed
+            ledger.reschedule(schedule)
         observation, _, _, _, _ = envs.step(action)
         _check_steps(base, step, running)
         nan |= running & np.isnan(base.controls).any(axis=1)

@@ -45,7 +45,7 @@ def test_the_fallback_solver_is_the_last_resort_from_the_likeliest_plan(monkeypa
     solver = Refusing()
     monkeypatch.setattr(remedies, "lent_solvers", lambda problem: Loans(lambda: solver, 1))
     success = np.array([True, False, False])
-    nothing = Predicted(np.ones(3), np.ones(3), -np.ones(3), ~success, ~success, success)
+    nothing = Predicted(np.ones(3), np.ones(3), -np.ones(3), ~success, ~success, success, np.ones(3))
     failing = Selected(along(1.5), nothing, np.zeros(3, int), np.zeros(3, int))
     same = solved(None, DISC, P, [along(1.5), along(2.0), along(2.5)], np.array([0.1, 0.2, 0.3]), failing)
     assert same is failing

@@ -16,7 +16,9 @@ def predicted(*rows):
     """Forecasts of (cost, final_error, clearance, left_box, rejected)."""
     cost, error, clearance, left, rejected = (np.array(column) for column in zip(*rows))
     success = (error < RADIUS) & (clearance > 0) & ~left & ~rejected
-    return Predicted(cost.astype(float), error.astype(float), clearance.astype(float), left, rejected, success)
+    return Predicted(
+        cost.astype(float), error.astype(float), clearance.astype(float), left, rejected, success, cost.astype(float)
+    )
 
 
 DEAR, CHEAP = (5.0, 0.0, 1.0, False, False), (3.0, 0.01, 1.0, False, False)

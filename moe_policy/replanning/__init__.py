@@ -1,0 +1,1 @@
+"""Plans that are renewed on the way."""
