@@ -186,14 +186,14 @@ _BENCHMARK = {
         near=NearGoal(_SEEDS["near"], 0.3, size=500, settings=_AROUND_ONE_OPTIMUM),
     ),
     "PendulumUncertain-v0": ProblemSets(
-        training=_training(4_000, _FEW),
+        training=_training(30_000, _FEW),
         development=_development(_SEVERAL),
         validation=_validation(1_000, _SEVERAL),
         boundary=NearEqualCosts(_SEEDS["boundary"], 12_000, size=100),
         near=None,
     ),
     "CartPoleSwingup-v0": ProblemSets(
-        training=_training(2_000, _FEW),
+        training=_training(12_000, _FEW),
         development=_development(_SEVERAL),
         validation=_validation(1_000, _SEVERAL),
         boundary=NearEqualCosts(_SEEDS["boundary"], 2_000, size=90, spare=1.7, settings=WITHOUT_NEIGHBOURS),
@@ -201,7 +201,7 @@ _BENCHMARK = {
         near=None,
     ),
     "RocketLanding-v0": ProblemSets(
-        training=_training(4_000, _FEW),
+        training=_training(16_000, _FEW),
         development=_development(_SEVERAL),
         validation=_validation(1_000, _SEVERAL),
         # Further outside, some instances cannot stay above the glide slope.
