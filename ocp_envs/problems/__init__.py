@@ -7,9 +7,12 @@ import copyreg
 import gymnasium as gym
 
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems.arm import TWO_LINK_ARM
 from ocp_envs.problems.cart_pole import CART_POLE
+from ocp_envs.problems.discs import PLANAR_QUADCOPTER
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.problems.recovery import QUADCOPTER_RECOVERY
 from ocp_envs.problems.rocket import ROCKET
 from ocp_envs.problems.uncertain_pendulum import UNCERTAIN_PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
@@ -19,7 +22,15 @@ from ocp_envs.support.suggestions import did_you_mean
 #: The problems of Tang & Hauser, on which reinforcement learning is compared, too.
 PAPER: tuple[OptimalControlProblem, ...] = (PENDULUM, VEHICLE, QUADCOPTER, QUADCOPTER_OBSTACLE)
 #: All problems that ship with data and planners.
-BENCHMARK: tuple[OptimalControlProblem, ...] = (*PAPER, UNCERTAIN_PENDULUM, CART_POLE, ROCKET)
+BENCHMARK: tuple[OptimalControlProblem, ...] = (
+    *PAPER,
+    UNCERTAIN_PENDULUM,
+    CART_POLE,
+    ROCKET,
+    TWO_LINK_ARM,
+    PLANAR_QUADCOPTER,
+    QUADCOPTER_RECOVERY,
+)
 #: A problem, or the name of a registered one.
 ProblemOrId = OptimalControlProblem | str
 _catalogue: dict[str, OptimalControlProblem] = {problem.id: problem for problem in BENCHMARK}

@@ -151,6 +151,9 @@ _VEHICLE = GenerationSettings(neighbours=3)
 #: Databases that are made in minutes.
 _FEW = GenerationSettings(first=100, starts=4)
 _SEVERAL = GenerationSettings(first=100, starts=8, cold=1)
+#: Three obstacles, each passed on either side, need more guesses.
+_EVERY_SIDE = GenerationSettings(first=400, starts=20)
+_EVERY_SIDE_OFTEN = GenerationSettings(first=200, starts=30, cold=1)
 _FEW_OUTSIDE = OutsideBox(_SEEDS["outside"], size=200, settings=replace(WITHOUT_NEIGHBOURS, starts=6))
 _BENCHMARK = {
     "PendulumSwingup-v0": ProblemSets(
@@ -207,6 +210,28 @@ _BENCHMARK = {
         # Further outside, some instances cannot stay above the glide slope.
         outside=replace(_FEW_OUTSIDE, beyond=(0.02, 0.1)),
         near=None,  # at the height of the pad there is nothing to land from
+    ),
+    "TwoLinkArm-v0": ProblemSets(
+        training=_training(12_000, _FEW),
+        development=_development(_SEVERAL),
+        validation=_validation(1_000, _SEVERAL),
+        outside=replace(_FEW_OUTSIDE, beyond=(0.02, 0.1)),  # the arm is 2 m long
+        near=None,
+    ),
+    "PlanarQuadcopterDiscs-v0": ProblemSets(
+        training=_training(24_000, _EVERY_SIDE),
+        development=_development(_EVERY_SIDE_OFTEN),
+        validation=_validation(1_000, _EVERY_SIDE_OFTEN),
+        boundary=NearEqualCosts(_SEEDS["boundary"], 4_000, size=200, settings=_EVERY_SIDE_OFTEN),
+        outside=replace(_FEW_OUTSIDE, settings=replace(WITHOUT_NEIGHBOURS, starts=30)),
+        near=None,
+    ),
+    "QuadcopterRecovery-v0": ProblemSets(
+        training=_training(24_000, _ONE_OPTIMUM),
+        development=_development(_CHECKED),
+        validation=_validation(1_000, _CHECKED),
+        outside=replace(_OUTSIDE_ONE_OPTIMUM, beyond=(0.0, 0.25)),
+        near=None,
     ),
 }
 

@@ -8,13 +8,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from moe_policy.experiments.benchmark import cart_pole, pendulum, quadcopter, rocket, uncertain_pendulum, vehicle
+from moe_policy.experiments.benchmark import further, pendulum, quadcopter, vehicle
 from moe_policy.experiments.benchmark.parts import Benchmark
 from moe_policy.experiments.perturbations import of_every_constant
 from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems.arm import TWO_LINK_ARM
 from ocp_envs.problems.cart_pole import CART_POLE
+from ocp_envs.problems.discs import PLANAR_QUADCOPTER
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
+from ocp_envs.problems.recovery import QUADCOPTER_RECOVERY
 from ocp_envs.problems.rocket import ROCKET
 from ocp_envs.problems.uncertain_pendulum import UNCERTAIN_PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
@@ -26,9 +29,12 @@ BENCHMARKS: Mapping[str, Benchmark] = MappingProxyType(
         VEHICLE.id: vehicle.BENCHMARK,
         QUADCOPTER.id: quadcopter.BENCHMARK,
         QUADCOPTER_OBSTACLE.id: quadcopter.WITH_OBSTACLE,
-        UNCERTAIN_PENDULUM.id: uncertain_pendulum.BENCHMARK,
-        CART_POLE.id: cart_pole.BENCHMARK,
-        ROCKET.id: rocket.BENCHMARK,
+        UNCERTAIN_PENDULUM.id: further.UNCERTAIN_PENDULUM,
+        CART_POLE.id: further.CART_POLE,
+        ROCKET.id: further.ROCKET,
+        TWO_LINK_ARM.id: further.TWO_LINK_ARM,
+        PLANAR_QUADCOPTER.id: further.PLANAR_QUADCOPTER,
+        QUADCOPTER_RECOVERY.id: further.QUADCOPTER_RECOVERY,
     }
 )
 
