@@ -105,8 +105,8 @@ TWO_LINK_ARM = OptimalControlProblem(
     ),
     parameters=Box(
         (
-            Coordinate("q2", -2.6, 2.6, "rad"),
-            Coordinate("distance", 0.6, 1.9, "m"),
+            Coordinate("q2", -2.2, 2.2, "rad"),
+            Coordinate("distance", 0.6, 1.75, "m"),
             Coordinate("bearing", -np.pi, np.pi, "rad"),
         )
     ),

@@ -215,7 +215,7 @@ _BENCHMARK = {
         training=_training(12_000, _FEW),
         development=_development(_SEVERAL),
         validation=_validation(1_000, _SEVERAL),
-        outside=replace(_FEW_OUTSIDE, beyond=(0.02, 0.1)),  # the arm is 2 m long
+        outside=_FEW_OUTSIDE,
         near=None,
     ),
     "PlanarQuadcopterDiscs-v0": ProblemSets(
