@@ -21,7 +21,7 @@ def random_plan(problem, size, seed=0, spread=0.3):
     step = duration[:, None] / (problem.knots - 1)
     box = problem.system.control
     noise = rng.uniform(-1, 1, (size, problem.knots - 1, problem.system.nu))
-    controls = np.clip(problem.goal.control + spread * noise, box.lower, box.upper)
+    controls = np.clip(problem.terminal.central_control + spread * noise, box.lower, box.upper)
     contexts = smallest_contexts(problem, size)
     states = [
         problem.start(rng.uniform(problem.parameters.lower, problem.parameters.upper, (size, len(problem.parameters))))[

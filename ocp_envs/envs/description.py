@@ -11,10 +11,13 @@ from ocp_envs.envs.interface import Interface
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import (
     ProblemOrId,
+    arm,
     cart_pole,
+    discs,
     pendulum,
     problem_of,
     quadcopter,
+    recovery,
     rocket,
     uncertain_pendulum,
     vehicle,
@@ -23,7 +26,7 @@ from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
 #: The modules that declare the problems of the benchmark.
-_DECLARING = (pendulum, vehicle, quadcopter, uncertain_pendulum, cart_pole, rocket)
+_DECLARING = (pendulum, vehicle, quadcopter, uncertain_pendulum, cart_pole, rocket, arm, discs, recovery)
 #: An argument in a docstring: its names, and its text, which goes on in the lines that are indented further.
 _ARGUMENT = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
 

@@ -95,8 +95,7 @@ TWO_LINK_ARM = OptimalControlProblem(
             (
                 Coordinate("q1", -4 * np.pi, 4 * np.pi, "rad", scale=2.0, period=2 * np.pi),
                 Coordinate("q2", -2.9, 2.9, "rad", scale=2.0),
-                Coordinate("w1", -15.0, 15.0, "rad/s", scale=3.0),
-                Coordinate("w2", -15.0, 15.0, "rad/s", scale=3.0),
+                *(Coordinate(n, -15.0, 15.0, "rad/s", scale=3.0) for n in ("w1", "w2")),
             )
         ),
         control=Box(tuple(Coordinate(n, -s, s, "N m", scale=s / 2) for n, s in (("tau1", 10.0), ("tau2", 5.0)))),

@@ -39,14 +39,8 @@ def dynamics(state: Sequence[Expression], control: Sequence[Expression], c: Simp
     _, _, theta, vx, vz, omega = state
     left, right = control
     thrust = (left + right) / c.mass
-    return [
-        vx,
-        vz,
-        omega,
-        -thrust * ca.sin(theta),
-        thrust * ca.cos(theta) - c.gravity,
-        c.arm * (right - left) / c.inertia,
-    ]
+    turn = c.arm * (right - left) / c.inertia
+    return [vx, vz, omega, -thrust * ca.sin(theta), thrust * ca.cos(theta) - c.gravity, turn]
 
 
 def cost_rate(
@@ -77,11 +71,9 @@ def _sides(problem: OptimalControlProblem, parameters: Array, trajectory: Trajec
 
 def _body(state: Array, context: Array) -> list[Shape]:
     along = DRAWN_SCALE * CONSTANTS["arm"] * np.array([np.cos(state[2]), np.sin(state[2])])
-    across = 0.4 * np.array([-along[1], along[0]])
-    discs: list[Shape] = [Ball(row[:2], float(row[2]), "#b5532b", 0.45) for row in context.reshape(-1, 3)]
-    arm = Line(np.array([state[:2] - along, state[:2] + along]), 5.0, "#1f4e79")
-    rotors = [Line(state[:2] + s * along + np.array([0 * across, across]), 3.0, "#3f4a57") for s in (-1, 1)]
-    return [*discs, arm, *rotors]
+    mast = 0.4 * np.array([-along[1], along[0]])
+    outline = state[:2] + np.array([mast - along, -along, along, mast + along])
+    return [*(Ball(row[:2], float(row[2]), "#b5532b", 0.45) for row in context.reshape(-1, 3)), Line(outline, 5.0)]
 
 
 def _path(states: Array) -> Array:
@@ -98,8 +90,7 @@ PLANAR_QUADCOPTER = OptimalControlProblem(
                 Coordinate("x", -12.0, 4.0, "m", scale=3.0),
                 Coordinate("z", -8.0, 8.0, "m", scale=2.0),
                 Coordinate("theta", -1.5, 1.5, "rad", scale=0.5),
-                Coordinate("vx", -12.0, 12.0, "m/s", scale=3.0),
-                Coordinate("vz", -12.0, 12.0, "m/s", scale=3.0),
+                *(Coordinate(n, -12.0, 12.0, "m/s", scale=3.0) for n in ("vx", "vz")),
                 Coordinate("omega", -12.0, 12.0, "rad/s", scale=3.0),
             )
         ),

@@ -1,8 +1,9 @@
 """Quadcopter that recovers from any state of motion and comes to rest: the full state is the parameter.
 
-The model, the cost and the goal are those of :mod:`ocp_envs.problems.quadcopter`; the initial state has a velocity, an
-attitude and body rates, as after a push. A planner for this problem can therefore be asked again at any time during a
-flight. The box of initial states is a decision of this project.
+The model, the goal and the cost L = 10 + ‖v‖² + 0.1 ‖(φ, θ, ψ)‖² + ‖(p, q, r)‖² + ‖u‖² are those of
+:mod:`ocp_envs.problems.quadcopter`; the initial state has a velocity, an attitude and body rates, as after a push. A
+planner for this problem can therefore plan again at any time during a flight. The box of initial states is a decision
+of this project.
 """
 
 from __future__ import annotations

@@ -49,15 +49,14 @@ class Scene:
             matplotlib("backends.backend_agg").FigureCanvasAgg(self.figure)
         self.figure.set_facecolor("white")
         self.stage: Plane | Space
-        goal = self.picture.trace(problem.terminal.central_state[None])
         if self.picture.dimensions == 3:
             self.stage = Space(self.figure, (0.0, 0.07, 1.0, 0.88), self.picture)
             opacity, ring = 0.85, {"ms": 13, "mew": 2.2}
         else:
             self.stage = Plane(self.figure, (0.02, 0.08, 0.96, 0.84), self.picture)
             opacity, ring = 0.55, {"ms": 20, "mew": 2.5}
-        self.stage.curve("goal", ls="none", marker="o", mfc="none", mec=GOAL, **ring).set(goal)
-        self._shadows = _Shadows(self.stage, goal) if isinstance(self.stage, Space) else None
+        self._goal = self.stage.curve("goal", ls="none", marker="o", mfc="none", mec=GOAL, **ring)
+        self._shadows = _Shadows(self.stage) if isinstance(self.stage, Space) else None
         self._path = self.stage.curve("trail", color=PATH, lw=2, solid_capstyle="round", alpha=opacity)
         self._plan = self.stage.curve("plan", color=PLAN, **DASHES)
         self._legend = self._add_legend()
@@ -80,15 +79,22 @@ class Scene:
         """
         # Shapes come first: the spheres among them hide parts of a curve in space.
         self.stage.show(self.picture.shapes(states[-1], context))
-        path = self.picture.trace(states)
+        path, goals = self.picture.trace(states), self._goals(states[-1:], context[None])
         self._path.set(path)
+        self._goal.set(goals)
         if self._shadows is not None:
-            self._shadows.follow(path)
+            self._shadows.follow(path, goals)
         ahead = np.empty((0, self.picture.dimensions)) if plan is None else _smooth(self.picture.trace(plan))
         self._plan.set(ahead)
         self._legend.set_visible(plan is not None)
         self._clock.set_text(f"t = {time:5.2f} s")
         self._cost.set_text(f"cost = {cost:6.2f}")
+
+    def _goals(self, state: Array, context: Array) -> Array:
+        """Where the goals in ``context`` (1, nc) that are nearest to ``state`` (1, nx) are in the picture, (W, d)."""
+        found = self.picture.trace(self.problem.terminal.nearest(state, context)[0])
+        # Windings, and alternatives that look alike, are drawn once.
+        return np.asarray(found[np.unique(found.round(6), axis=0, return_index=True)[1]])
 
     def _add_legend(self) -> Artist:
         line = matplotlib("lines").Line2D
@@ -127,11 +133,11 @@ def _warn_without_windows(owner: str, backend: str) -> None:
 
 
 class _Shadows:
-    """What shows depth in space: plumb lines from the goal and the system to the floor, and the path's shadow on it."""
+    """What shows depth in space: plumb lines from a goal and the system to the floor, and the path's shadow on it."""
 
-    def __init__(self, space: Space, goal: Array) -> None:
+    def __init__(self, space: Space) -> None:
         self._space = space
-        self._plumb(GOAL).set(self._drop(goal))
+        self._goal = self._plumb(GOAL)
         self._under = self._plumb(INK)
         self._track = space.curve("shadow", color=GREY, lw=1.2, alpha=0.6)
 
@@ -142,8 +148,9 @@ class _Shadows:
         """A line from ``point`` (1, 3) down to the floor, of points close enough together to pass behind a sphere."""
         return point + np.linspace(0, 1, 60)[:, None] * (self._space.drop(point) - point)
 
-    def follow(self, path: Array) -> None:
-        """Move below ``path``, (N, 3)."""
+    def follow(self, path: Array, goals: Array) -> None:
+        """Move below ``path``, (N, 3), and the first of ``goals``, (W, 3)."""
+        self._goal.set(self._drop(goals[:1]))
         self._under.set(self._drop(path[-1:]))
         self._track.set(self._space.drop(path))
 

@@ -120,7 +120,7 @@ def test_goal_terminates_unless_told_otherwise(problem):
         env = Env(problem, terminate_at_goal=stop)
         env.reset(options=at_goal(problem))
         assert problem.goal_error(env.state, env.context) == 0
-        _, _, terminated, truncated, info = env.step(problem.goal.control.astype(np.float32))
+        _, _, terminated, truncated, info = env.step(problem.terminal.central_control.astype(np.float32))
         assert (terminated, truncated, info["is_success"]) == (stop, False, True)
         assert info["failure"] == ""
 

@@ -126,7 +126,7 @@ def test_violation_is_the_depth_in_the_sphere_at_the_end_of_the_step():
     x = np.zeros((3, 12))
     x[:, 0] = [0.0, 2.5, 4.0]
     s = np.tile([1.0, 0.0, 0.0, 2.0], (3, 1))
-    step = Simulator(problem, 0.02).advance(x, np.tile(problem.goal.control, (3, 1)), s)
+    step = Simulator(problem, 0.02).advance(x, np.tile(problem.terminal.central_control, (3, 1)), s)
     np.testing.assert_allclose(step.violation, [1.0, 0.5, 0.0], atol=1e-9)
 
 

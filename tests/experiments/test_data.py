@@ -258,7 +258,7 @@ def test_a_constant_in_the_parameter_reaches_the_equation():
 def test_rows_together_are_as_accurate_as_one_by_one(problem):
     rng, system, rate = np.random.default_rng(2), problem.system, problem.functions.rate()
     x = problem.goal.state + 0.5 * system.state.scale * rng.uniform(-1, 1, (12, system.nx))
-    u = problem.goal.control + 0.5 * system.control.scale * rng.uniform(-1, 1, (12, system.nu))
+    u = problem.terminal.central_control + 0.5 * system.control.scale * rng.uniform(-1, 1, (12, system.nu))
     s, h = np.empty((12, 0)), rng.uniform(0.05, 0.5, 12)
     together = integrate(rate, x, u, s, h)
     for i in range(12):

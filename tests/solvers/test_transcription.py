@@ -25,7 +25,7 @@ def random_plans(problem, size):
     """Trajectories with arbitrary values around the goal: nothing about them is consistent."""
     x, u = problem.system.state, problem.system.control
     near = problem.goal.state + 0.2 * (RNG.random((size, problem.knots, len(x))) - 0.5) * x.width
-    controls = problem.goal.control + RNG.uniform(-1, 1, (size, problem.knots - 1, len(u))) * u.scale
+    controls = problem.terminal.central_control + RNG.uniform(-1, 1, (size, problem.knots - 1, len(u))) * u.scale
     return Trajectory(near, controls, RNG.uniform(*problem.duration, size))
 
 
@@ -115,7 +115,7 @@ def test_map_follows_the_true_equation(problem, tolerance):
     system = problem.system
     step = 0.5 * problem.duration[1] / (problem.knots - 1)
     x = problem.goal.state + 0.3 * system.state.scale * RNG.uniform(-1, 1, (20, system.nx))
-    u = problem.goal.control + 0.5 * system.control.scale * RNG.uniform(-1, 1, (20, system.nu))
+    u = problem.terminal.central_control + 0.5 * system.control.scale * RNG.uniform(-1, 1, (20, system.nu))
     s = np.zeros((20, len(problem.context)))
     following, cost = problem.functions.flow(problem.substeps)(x, u, s, np.full((20, 1), step))
     rate = problem.functions.rate()
