@@ -163,8 +163,8 @@ class StartTables(Record):
             began = time.perf_counter()
             found, solved = _spines(problem, p, solver), _spines(problem, others, solver)
             seconds = time.perf_counter() - began
-        found = found.astype(np.float32).astype(np.float64)
-        table = free_paths.measured(free_paths.PathTable(free.parameters.width, p, found), others, solved)
+        stored = free_paths.PathTable(free.parameters.width, p, free_paths.as_stored(found))
+        table = free_paths.measured(stored, others, solved)
         say(f"wrote {free_paths.ship(problem, table)}; the maximum error of interpolated paths is {table.error:.2g} m")
         paths, difference = table(others)
         errors = free_paths.distance(paths, free_paths.dense(solved))

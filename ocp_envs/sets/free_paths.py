@@ -204,20 +204,32 @@ def shipped(problem: OptimalControlProblem) -> PathTable | None:
     names = [problem.system.state.names[i] for i in coordinates(problem)]
     if arrays["coordinates"].tolist() != names:
         return None
-    parameters, spines, error, ratio = (
-        np.asarray(arrays[key], dtype=np.float64) for key in ("parameters", "spines", "error", "ratio")
+    parameters, spines, unit, error, ratio = (
+        np.asarray(arrays[key], dtype=np.float64) for key in ("parameters", "spines", "unit", "error", "ratio")
     )
-    return PathTable(free.parameters.width, parameters, spines, float(error), float(ratio))
+    return PathTable(free.parameters.width, parameters, spines * unit, float(error), float(ratio))
+
+
+def _unit(spines: Array) -> Array:
+    """What whole numbers of 16 bits count in the file: a small part of the largest of ``spines``, (2, m)."""
+    return np.asarray(np.abs(spines).max(axis=(0, 1)) / np.iinfo(np.int16).max)
+
+
+def as_stored(spines: Array) -> Array:
+    """``spines`` (L, N, 2, m) as they come back from the file, changed by at most 1.6e-5 of the largest."""
+    return np.asarray(np.rint(spines / _unit(spines)) * _unit(spines))
 
 
 def ship(problem: OptimalControlProblem, table: PathTable) -> Path:
     """Write ``table`` into the package, as that of the free problem of ``problem``; the path of the file."""
+    unit = _unit(table.spines)
     names = [problem.system.state.names[i] for i in coordinates(problem)]
     return tables.save(
         blocked(problem).free,
         TABLE,
         parameters=table.parameters,
-        spines=table.spines.astype(np.float32),
+        spines=np.rint(table.spines / unit).astype(np.int16),
+        unit=unit,
         error=np.array(table.error),
         ratio=np.array(table.ratio),
         coordinates=np.array(names),
