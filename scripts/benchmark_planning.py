@@ -14,10 +14,12 @@ Methods take turns, all on one core. Writes ``benchmark_planning_<env>.json``.
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.latency import BATCHES, PLANNING_COLUMNS, Latency, planner_rows, planning_rows, step_rows
-from moe_policy.experiments.methods import Method, one_solve, optimal_planner, shipped, stabiliser
+from moe_policy.experiments.methods import one_solve, shipped, stabiliser
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS, cold, solver_rows, warm
 from moe_policy.experiments.speed.solver import ON_ONE_CORE
 from moe_policy.reports.tables import text_table
+from moe_policy.score.method import Method
+from moe_policy.score.optimum import optimal_planner
 from ocp_envs.sets import reference
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.support.provenance import provenance

@@ -27,12 +27,12 @@ from moe_policy.experiments.checking import (
 )
 from moe_policy.experiments.checking_tables import BOUND_COLUMNS, CHECK_COLUMNS, TIME_COLUMNS, lines
 from moe_policy.experiments.comparison import Optimum, track_optimum
-from moe_policy.experiments.methods import Method, shipped
-from moe_policy.experiments.splits import SPLITS
+from moe_policy.experiments.methods import shipped
 from moe_policy.reports.tables import text_table
+from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
-from ocp_envs.sets.reference import ReferenceSet
+from ocp_envs.sets.reference import SPLITS, ReferenceSet
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance

@@ -20,11 +20,12 @@ from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, Sensitivity, run
-from moe_policy.experiments.methods import Method, solutions
+from moe_policy.experiments.methods import solutions
 from moe_policy.learning import recipes
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.reports.tables import text_table
+from moe_policy.score.method import Method
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.quadcopter import QUADCOPTER, cost_rate
 from ocp_envs.sets.splits import sets_of

@@ -12,8 +12,9 @@ import dataclasses
 from moe_policy.control.stabiliser import Stabiliser
 from moe_policy.experiments import cli
 from moe_policy.experiments.comparison import COLUMNS, Sensitivity, run, track_optimum
-from moe_policy.experiments.methods import Method, shipped
+from moe_policy.experiments.methods import shipped
 from moe_policy.reports.tables import text_table
+from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.support.provenance import provenance

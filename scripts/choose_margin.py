@@ -13,9 +13,10 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, MarginRow, Margins, run, track_optimum
 from moe_policy.experiments.figures.comparison import margins_figure
-from moe_policy.experiments.methods import Method, shipped
+from moe_policy.experiments.methods import shipped
 from moe_policy.planners.margin import WithMargin
 from moe_policy.reports.tables import Column, text_table
+from moe_policy.score.method import Method
 from ocp_envs.sets import reference
 from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance

@@ -19,7 +19,6 @@ import numpy as np
 from moe_policy.experiments import cli, trainings
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import run
-from moe_policy.experiments.methods import Method
 from moe_policy.experiments.partitions import (
     PARTITION_COLUMNS,
     PartitionModel,
@@ -35,6 +34,7 @@ from moe_policy.learning.training import fit_mixture
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.reports.records import ABSENT, present, read, write
 from moe_policy.reports.tables import text_table
+from moe_policy.score.method import Method
 from ocp_envs.data.samples import Samples
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.arrays import Array

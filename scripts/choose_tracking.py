@@ -16,10 +16,10 @@ from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import COLUMNS, TrackingChoice, TrackingRow, run
-from moe_policy.experiments.methods import Method
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.reports.tables import Column, text_table
+from moe_policy.score.method import Method
 from moe_policy.store import load_file
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.progress import track

@@ -20,12 +20,12 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.borders import BORDER_COLUMNS, VARIANTS, BorderModel, BorderRow, Borders, Mixtures
 from moe_policy.experiments.comparison import run
-from moe_policy.experiments.methods import Method
 from moe_policy.learning.clustering import Labels
 from moe_policy.learning.families import NEIGHBOURS, families_of
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.reports.records import read, write
 from moe_policy.reports.tables import text_table
+from moe_policy.score.method import Method
 from ocp_envs.data.beyond import beyond
 from ocp_envs.data.continuation import continued
 from ocp_envs.data.database import Database

@@ -24,7 +24,7 @@ from moe_policy.experiments.budgets import BUDGET_COLUMNS, GIVEN, Budgets, Level
 from moe_policy.experiments.figures.budgets import budgets_figure
 from moe_policy.experiments.learner_budgets import ChosenActor, DevelopmentMetrics, LearnerBudget
 from moe_policy.experiments.learners import CaseSet, LearnerTraining, learner_trainings
-from moe_policy.experiments.methods import Method, solve_all
+from moe_policy.experiments.methods import solve_all
 from moe_policy.experiments.planner_budgets import GenerationEffort, PlannerBudget, planner_rows
 from moe_policy.experiments.seeds import TrainingComparison, TrainingRow
 from moe_policy.planners.network import NetworkPlanner
@@ -34,6 +34,7 @@ from moe_policy.reports.tables import text_table
 from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.rollout import rollout
+from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.reference import ReferenceSet

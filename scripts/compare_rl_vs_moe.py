@@ -26,20 +26,14 @@ from moe_policy.experiments.comparison import (
     track_optimum,
 )
 from moe_policy.experiments.figures.comparison import comparison_figure
-from moe_policy.experiments.methods import (
-    Method,
-    shipped,
-    solutions,
-    stabiliser,
-    steps,
-    variants,
-)
+from moe_policy.experiments.methods import shipped, solutions, stabiliser, steps, variants
 from moe_policy.learning import recipes
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.reports.tables import text_table
 from moe_policy.rl import training as baselines
 from moe_policy.rollouts.episodes import Episodes
+from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.splits import sets_of

@@ -28,10 +28,11 @@ from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures.generalisation import robustness_figure
-from moe_policy.experiments.methods import Method, shipped, solve_all, stabiliser
+from moe_policy.experiments.methods import shipped, solve_all, stabiliser
 from moe_policy.experiments.robustness import LevelRow, Plant, Robustness, plant_key, run_plant
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.reports.records import read, write
+from moe_policy.score.method import Method
 from ocp_envs.envs.options import EnvArguments
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference

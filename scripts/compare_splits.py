@@ -24,29 +24,30 @@ from moe_policy.experiments import cli, trainings
 from moe_policy.experiments.comparison import run, track_optimum
 from moe_policy.experiments.distances import DistanceCurves
 from moe_policy.experiments.figures.generalisation import splits_figure
-from moe_policy.experiments.methods import Method, chosen, shipped, stabiliser
-from moe_policy.experiments.split_table import SPLIT_COLUMNS, lines
+from moe_policy.experiments.methods import chosen, shipped, stabiliser
 from moe_policy.experiments.splits import (
     BINNED,
-    SPLITS,
     CostDifferenceRange,
     SeedsRow,
     SplitComparison,
     SplitMethod,
     SplitRow,
     SplitSummary,
+    lines,
     separations,
 )
 from moe_policy.experiments.trainings import Run
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.reports.records import ABSENT, read
+from moe_policy.reports.split_table import SPLIT_COLUMNS
 from moe_policy.reports.tables import text_table
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.metrics import Metrics
+from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.sets.discontinuity import discontinuity_of
-from ocp_envs.sets.reference import ReferenceSet
+from ocp_envs.sets.reference import SPLITS, ReferenceSet
 from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.progress import track
 from ocp_envs.support.provenance import provenance

@@ -34,9 +34,9 @@ from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, SummaryTable, 
 from moe_policy.experiments.partitions import PARTITION_COLUMNS, Partitions
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
-from moe_policy.experiments.split_table import SPLIT_COLUMNS, lines
-from moe_policy.experiments.splits import SplitComparison
+from moe_policy.experiments.splits import SplitComparison, lines
 from moe_policy.reports.records import Record, read
+from moe_policy.reports.split_table import SPLIT_COLUMNS
 from moe_policy.reports.tables import Column, markdown_table
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -31,10 +31,10 @@ from moe_policy.experiments.learners import (
     Trial,
     training_file,
 )
-from moe_policy.experiments.methods import Method
 from moe_policy.reports.records import read, write
 from moe_policy.rl.settings import ALGORITHMS, RLSettings
 from moe_policy.rl.training import TrainingRun, train
+from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets import reference
 from ocp_envs.support.progress import Progress

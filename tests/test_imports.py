@@ -63,6 +63,7 @@ WINGS = {
     "moe_policy.rl": None,
     "moe_policy.reports": None,
     "store": ("store",),
+    "moe_policy.score": None,
     "moe_policy": ("",),
     "moe_policy.experiments": None,
 }

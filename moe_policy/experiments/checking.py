@@ -16,7 +16,6 @@ from moe_policy.checking.checked import Checked
 from moe_policy.checking.shipped import SHIPPED
 from moe_policy.checking.verdict import HOW, CheckedPlans
 from moe_policy.experiments.comparison import ComparisonRow, Optimum, run
-from moe_policy.experiments.methods import Method
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.repaired import Repaired
 from moe_policy.planners.stored import StoredPlans
@@ -26,6 +25,7 @@ from moe_policy.rollouts.conformal import coverage_range, least_success, upper_b
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import TOLERANCES
+from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.provenance import Provenance

@@ -17,13 +17,13 @@ import torch
 import ocp_envs
 from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark.parts import Clusters
-from moe_policy.experiments.methods import Method
 from moe_policy.experiments.seeds import Training
 from moe_policy.experiments.trainings import Folders, Run, train
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.reports.records import ABSENT, Absent, Record, read, write
 from moe_policy.rollouts.episodes import Episodes
+from moe_policy.score.method import Method
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.pool import WorkerPool

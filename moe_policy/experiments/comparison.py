@@ -7,31 +7,27 @@ goal ball; from then on the goal is regulated, too, where the problem allows it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from moe_policy.control.weights import TrackingWeights
 from moe_policy.experiments.latency import time_planner
-from moe_policy.experiments.methods import Method, solve_all
+from moe_policy.experiments.methods import solve_all
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.prediction_error import validation_error
-from moe_policy.planners.stored import StoredPlans
 from moe_policy.reports.metric_columns import METRICS
 from moe_policy.reports.records import ABSENT, Absent, Record, inline, present, renamed
 from moe_policy.reports.tables import Column, duration
-from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.metrics import Metrics, evaluate
-from moe_policy.rollouts.rollout import rollout
+from moe_policy.score.method import Method
+from moe_policy.score.optimum import TrackedOptimum
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
 from ocp_envs.trajectory import Trajectory
-
-#: Episodes that run at once: the gains, references and metrics of 10,000 plans would need gigabytes.
-BATCH = 500
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,9 +140,7 @@ def run(
     ``optimal`` trajectories serve the prediction error of networks. Costs are compared with those of ``baseline``, by
     default the method's own; ``weights`` are the problem's own by default; planning is timed for the sizes ``batches``.
     """
-    envs = environments(problem, min(len(parameters), BATCH), dt)
-    episodes = rollout(envs, method.policy(problem, dt, weights), parameters)
-    envs.close()
+    episodes = method.fly(problem, parameters, dt, weights)
     planner = method.planner
     network = planner if isinstance(planner, NetworkPlanner) else None
     row = ComparisonRow(
@@ -164,16 +158,10 @@ def run(
 
 
 @dataclass(frozen=True, eq=False)
-class Optimum:
-    """The best known trajectories of B instances, tracked: what methods are compared with."""
+class Optimum(TrackedOptimum):
+    """The tracked optimum with its row, named ``optimal``."""
 
-    trajectories: Trajectory
-    costs: Array  # of the trajectories, (B,); +inf where none is known
-    row: ComparisonRow  # named ``optimal``
-    episodes: Episodes  # of the tracked trajectories
-    #: the same at the cost of the reference: where a trajectory costs more than the reference, its episode costs less
-    #: in the same ratio
-    baseline: Episodes
+    row: ComparisonRow
 
 
 def track_optimum(
@@ -189,12 +177,17 @@ def track_optimum(
     ``reference`` (B,) are the best known costs. Guesses come from ``methods``, ``workers`` processes solve, and solved
     batches are kept in the folder ``keep``, as in :func:`~moe_policy.experiments.methods.solve_all`.
     """
-    trajectories, costs = solve_all(problem, parameters, methods, keep, workers, reference)
-    method = Method("optimal", StoredPlans(parameters, trajectories))
-    row, episodes = run(problem, method, parameters, batches=())
-    baseline = replace(episodes, cost=episodes.cost * np.minimum(1.0, reference / costs))
-    row = replace(row, metrics=evaluate(problem, episodes, baseline), planning_seconds=ABSENT)
-    return Optimum(trajectories, costs, row, episodes, baseline)
+    found = solve_all(problem, parameters, methods, keep, workers, reference)
+    tracked = TrackedOptimum.of(problem, parameters, *found, reference)
+    row = ComparisonRow(
+        name="optimal",
+        data=None,
+        training_seconds=None,
+        metrics=evaluate(problem, tracked.episodes, tracked.baseline),
+        parameters_total=None,
+        parameters_active=None,
+    )
+    return Optimum(tracked.trajectories, tracked.costs, tracked.episodes, tracked.baseline, row)
 
 
 def _prediction(planner: NetworkPlanner, parameters: Array, optimal: Trajectory | None) -> float | None:

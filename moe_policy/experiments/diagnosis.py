@@ -26,7 +26,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from moe_policy.control.tracking import TrackingPolicy
-from moe_policy.experiments.comparison import BATCH
 from moe_policy.experiments.failures import Cause, EvaluatedAt, Failure
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import Argmax, MixtureOfExperts
@@ -34,6 +33,7 @@ from moe_policy.planners.stored import StoredPlans
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout
+from moe_policy.score.method import BATCH
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem

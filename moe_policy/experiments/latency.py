@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.control.tracking import TrackingPolicy
-from moe_policy.experiments.methods import Method
 from moe_policy.experiments.speed.guesses import SolveRow, median_of
 from moe_policy.protocols import Planner, Policy
 from moe_policy.reports.records import Record
 from moe_policy.reports.tables import Column, duration
 from moe_policy.rollouts.environments import environments
+from moe_policy.score.method import Method
 from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array

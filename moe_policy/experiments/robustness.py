@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-from moe_policy.experiments.methods import Method
 from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.reports.records import ABSENT, Absent, Record, inline
 from moe_policy.reports.tables import Column, text_table
@@ -20,6 +19,7 @@ from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import Metrics, evaluate
 from moe_policy.rollouts.rollout import rollout
+from moe_policy.score.method import Method
 from ocp_envs.envs.options import EnvArguments
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array

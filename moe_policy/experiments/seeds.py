@@ -11,10 +11,10 @@ import numpy as np
 from moe_policy.experiments import comparison
 from moe_policy.experiments.benchmark.published import Published
 from moe_policy.experiments.figures.details import Details, DiscontinuityCase
-from moe_policy.experiments.methods import Method
 from moe_policy.learning.training import SHARED
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.reports.records import ABSENT, Absent, Record, Scalar, inline, present, renamed
+from moe_policy.score.method import Method
 from ocp_envs.data.samples import Samples
 from ocp_envs.support.provenance import Provenance
 

@@ -18,8 +18,9 @@ import numpy as np
 from moe_policy.experiments.comparison import ComparisonRow
 from moe_policy.experiments.distances import DistanceCurves, measures_of
 from moe_policy.experiments.trainings import Run
-from moe_policy.reports.metric_columns import METRICS
+from moe_policy.reports.metric_columns import spreads_of
 from moe_policy.reports.records import ABSENT, Absent, Record, inline, present, renamed
+from moe_policy.reports.split_table import Line, by_split
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.intervals import Estimate, Spread, disjoint
 from moe_policy.rollouts.metrics import Metrics
@@ -28,8 +29,6 @@ from ocp_envs.problems import problem_of
 from ocp_envs.support.arrays import Array
 from ocp_envs.support.provenance import Provenance
 
-#: The splits in the order of tables and figures, each with the name of its reference set.
-SPLITS = {"uniform": "validation", "boundary": "boundary", "near": "near", "outside": "outside"}
 #: Those whose instances make the curves.
 BINNED = ("uniform", "boundary")
 
@@ -71,14 +70,7 @@ class SeedsRow(Record):
         """The row of the trainings ``runs``, whose ``metrics`` by split are those of the runs in turn."""
         (kind,) = {(run.name, run.samples, run.settings.epochs) for run in runs}
         name, samples, epochs = kind
-        splits = {
-            split: {
-                metric.key: Spread.of(values)
-                for metric in METRICS
-                if len(values := [v for one in found if (v := metric.value(one)) is not None]) == len(found)
-            }
-            for split, found in metrics.items()
-        }
+        splits = {split: spreads_of(found) for split, found in metrics.items()}
         return cls(
             name=name,
             samples=samples,
@@ -172,6 +164,15 @@ class SplitComparison(Record):
             else self.curves.with_methods(other.curves, names),
             added=(present(self.added) or {}) | dict.fromkeys(names, other.provenance),
         )
+
+
+def lines(record: SplitComparison) -> list[Line]:
+    """The lines of the table of ``record``, split by split."""
+    found = []
+    for split in record.splits:
+        found += [Line(split, method.name, method.splits[split].row.metrics) for method in record.rows]
+        found += [Line(split, row.label(split), spreads=row.splits[split]) for row in present(record.seeds) or ()]
+    return by_split(found)
 
 
 def uniform_row(record: SplitComparison, name: str, cases: int) -> ComparisonRow | None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from moe_policy.reports.tables import Column, proportion
-from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.intervals import Proportion, Spread
 from moe_policy.rollouts.metrics import TOLERANCES, Metrics, Violation
 
 
@@ -94,3 +94,10 @@ METRICS: tuple[Metric, ...] = (
     _mean_violation("knot_violation_mean", "mean violation at the knots, m (95 %)", lambda m: m.knot_violation),
     COST,
 )
+
+
+def spreads_of(found: Sequence[Metrics]) -> dict[str, Spread]:
+    """The spreads of the metrics ``found``, one for each training seed, by key: of those that all of them have."""
+    values = {metric.key: [metric.value(one) for one in found] for metric in METRICS}
+    known = {key: [value for value in each if value is not None] for key, each in values.items()}
+    return {key: Spread.of(each) for key, each in known.items() if len(each) == len(found)}

@@ -25,6 +25,8 @@ from ocp_envs.tables import path_of
 SHIPPED = ("development", "validation")
 #: Names of the sets of :mod:`ocp_envs.sets.hard_sets`; a problem without a discontinuity has no ``boundary``.
 HARD = ("boundary", "outside", "near")
+#: The splits on which methods are compared, in the order of tables and figures, each with the name of its set.
+SPLITS = {"uniform": "validation", "boundary": "boundary", "near": "near", "outside": "outside"}
 
 
 class ReferenceDataError(tables.TableError):

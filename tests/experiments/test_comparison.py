@@ -10,15 +10,17 @@ from moe_policy.control.stabiliser import Stabilised, Stabiliser
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments import comparison
 from moe_policy.experiments.comparison import COLUMNS, ComparisonRow, CostDifference
-from moe_policy.experiments.methods import Method
 from moe_policy.learning import recipes
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.prediction_error import validation_error
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.reports.records import ABSENT
 from moe_policy.reports.tables import DASH, markdown_table
+from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import CostRatio
+from moe_policy.score import method
+from moe_policy.score.method import Method
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.vehicle import VEHICLE
 from ocp_envs.sets.sampling import sample
@@ -83,7 +85,7 @@ def test_solved_plans_succeed_at_their_own_cost(solved, baseline):
 
 def test_batches_do_not_change_the_row(solved, baseline, monkeypatch):
     p, plan, _ = solved
-    monkeypatch.setattr(comparison, "BATCH", 2)
+    monkeypatch.setattr(method, "BATCH", 2)
     row, episodes = comparison.run(PENDULUM, Method("optimal", StoredPlans(p, plan)), p, batches=())
     assert len(p) > 4
     assert row == baseline[0]
@@ -130,7 +132,7 @@ def test_costs_are_compared_with_the_reference():
 
 
 def test_environments_run_on_beyond_the_goal():
-    envs = comparison.environments(PENDULUM, 2, 0.05)
+    envs = environments(PENDULUM, 2, 0.05)
     envs.reset(options={"parameters": np.tile([[np.pi, 0.0]], (2, 1))})
     _, _, terminated, truncated, infos = envs.step(np.zeros((2, 1), np.float32))
     assert infos["is_success"].all()

@@ -22,9 +22,9 @@ from moe_policy.experiments.latency import (
     step_rows,
     time_planner,
 )
-from moe_policy.experiments.methods import Method
 from moe_policy.experiments.speed.guesses import cold, solver_rows, warm
 from moe_policy.reports.tables import markdown_table
+from moe_policy.score.method import Method
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.solvers.nlp import SolverSettings
 from ocp_envs.solvers.solver import GuardedSolver

@@ -14,9 +14,9 @@ import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import run
 from moe_policy.experiments.figures import generalisation as figures
-from moe_policy.experiments.methods import Method
 from moe_policy.experiments.robustness import LevelRow, PlantRow, Robustness, plant_key, run_plant
 from moe_policy.reports.records import read
+from moe_policy.score.method import Method
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.sets import reference

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.comparison import ComparisonRow
-from moe_policy.experiments.split_table import SPLIT_COLUMNS, Line
 from moe_policy.experiments.splits import (
     CostDifferenceRange,
     SeedsRow,
@@ -18,6 +17,7 @@ from moe_policy.experiments.splits import (
 )
 from moe_policy.experiments.trainings import Run
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.reports.split_table import SPLIT_COLUMNS, Line
 from moe_policy.reports.tables import markdown_table
 from moe_policy.rollouts.intervals import Proportion, Spread
 from moe_policy.rollouts.metrics import evaluate

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import moe_policy
-from moe_policy.experiments.methods import optimal_planner
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.solver import SolverPlanner, lookaround_of
 from moe_policy.planners.stored import StoredPlans
+from moe_policy.score.optimum import optimal_planner
 from ocp_envs.problems import BENCHMARK, PAPER
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE

@@ -17,9 +17,9 @@ from moe_policy.experiments.checking_tables import (
     lines,
     repair_lines,
 )
-from moe_policy.experiments.methods import Method
 from moe_policy.reports.records import ABSENT, read
 from moe_policy.reports.tables import markdown_table
+from moe_policy.score.method import Method
 from ocp_envs.problems.pendulum import PENDULUM
 from scripts import check_planners
 

@@ -33,12 +33,12 @@ from moe_policy.experiments.figures.rise import (
     rise_figure,
     rise_parameters,
 )
-from moe_policy.experiments.methods import Method
 from moe_policy.learning.clustering import Labels, cluster
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.reports.records import Record
 from moe_policy.rollouts.episodes import Episodes
+from moe_policy.score.method import Method
 from ocp_envs.data.samples import Samples
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import relative_cost_difference

@@ -10,10 +10,11 @@ from moe_policy.experiments.distances import DistanceCurves, measures_of
 from moe_policy.experiments.figures.style import Axes, Figure, Panels, looks, save_figure
 from moe_policy.experiments.perturbations import Perturbation
 from moe_policy.experiments.robustness import LevelRow, Robustness
-from moe_policy.experiments.splits import SPLITS, SplitComparison, SplitMethod
+from moe_policy.experiments.splits import SplitComparison, SplitMethod
 from moe_policy.rollouts.intervals import Estimate, Mean, Proportion
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.sets.discontinuity import discontinuity_of
+from ocp_envs.sets.reference import SPLITS
 
 Look = Mapping[str, str]
 _MARKERS = dict(zip(SPLITS, "oDvs"))

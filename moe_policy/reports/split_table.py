@@ -1,13 +1,12 @@
-"""The table of a comparison on splits: on each split a line for each method, and for all seeds of a network."""
+"""The table of methods on splits: on each split a line for each method, or for all training seeds of one."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 
-from moe_policy.experiments.splits import SplitComparison
 from moe_policy.reports.metric_columns import METRICS, Metric
-from moe_policy.reports.records import present
 from moe_policy.reports.tables import Column, with_range
 from moe_policy.rollouts.intervals import Spread
 from moe_policy.rollouts.metrics import Metrics
@@ -15,22 +14,28 @@ from moe_policy.rollouts.metrics import Metrics
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One method on one split, or all training seeds of a network."""
+    """One method on one split, or all its training seeds.
 
-    split: str  # empty but in the first line of a split
-    name: str  # of the method
-    metrics: Metrics | None = None  # of one method
-    spreads: Mapping[str, Spread] = field(default_factory=dict)  # by measure, over the seeds
+    Args:
+        split: name of the split.
+        name: of the method.
+        metrics: of one training.
+        spreads: by measure, over the seeds, where there are several.
+    """
+
+    split: str
+    name: str
+    metrics: Metrics | None = None
+    spreads: Mapping[str, Spread] = field(default_factory=dict)
 
 
-def lines(record: SplitComparison) -> list[Line]:
-    """The lines of the table of ``record``, split by split."""
-    found = []
-    for split in record.splits:
-        rows = [Line(split, method.name, method.splits[split].row.metrics) for method in record.rows]
-        rows += [Line(split, row.label(split), spreads=row.splits[split]) for row in present(record.seeds) or ()]
-        found += [line if i == 0 else replace(line, split="") for i, line in enumerate(rows)]
-    return found
+def by_split(found: Iterable[Line]) -> list[Line]:
+    """The lines ``found`` with the name of their split in the first line of each alone."""
+    return [
+        replace(line, split=line.split if i == 0 else "")
+        for _, group in groupby(found, key=lambda line: line.split)
+        for i, line in enumerate(group)
+    ]
 
 
 def _column(metric: Metric) -> Column[Line]:
