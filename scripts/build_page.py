@@ -5,15 +5,16 @@ Sources are in ``page/``. The exported regulators and the simulators are compile
 (``apt-get install clang lld``).
 
     python scripts/build_page.py
-    python scripts/build_page.py --ship --problems pendulum
+    python scripts/build_page.py --problems pendulum vehicle sphere
 """
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.page.bundle import page
-from moe_policy.experiments.page.contents import SHOWN, contents
+from moe_policy.experiments.page.contents import SHOWN, USUAL, contents
 from ocp_envs.support.files import replacing
 
 SOURCES, BUILT = cli.ROOT / "page", cli.ROOT / "docs" / "page"
@@ -26,17 +27,20 @@ def write(path: Path, text: str) -> None:
     print(f"{path}  {path.stat().st_size / 1e3:,.0f} kB")
 
 
-def main() -> None:
-    parser = cli.parser(__doc__, env=None, ship="write into docs/page, the committed page, instead of runs/page")
-    parser.add_argument(
-        "--problems", nargs="+", metavar="NAME", choices=SHOWN, default=list(SHOWN), help="all by default"
-    )
-    arguments = parser.parse()
-    folder = BUILT if arguments.results == cli.RECORDS else arguments.results / "page"
-    for name in arguments.problems:
+def build(problems: Sequence[str], folder: Path) -> None:
+    """Write the page that shows ``problems`` into a ``folder``."""
+    for name in problems:
         data = json.dumps(contents(SHOWN[name], SOURCES / "c"), separators=(",", ":"), allow_nan=False)
         write(folder / f"{name}.js", f'receive("{name}", {data});\n')
-    write(folder / "index.html", page(SOURCES))
+    write(folder / "index.html", page(SOURCES, problems))
+
+
+def main() -> None:
+    parser = cli.parser(__doc__, env=None, ship="write into docs/page, the committed page, instead of runs/page")
+    usual = f"of {', '.join(SHOWN)}; by default {' and '.join(USUAL)}, since the sphere's networks are large"
+    parser.add_argument("--problems", nargs="+", metavar="NAME", choices=SHOWN, default=USUAL, help=usual)
+    arguments = parser.parse()
+    build(arguments.problems, BUILT if arguments.results == cli.RECORDS else arguments.results / "page")
 
 
 if __name__ == "__main__":

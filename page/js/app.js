@@ -4,9 +4,12 @@ import { Model } from "./model.js";
 import { Stage } from "./stage.js";
 import { themed } from "./theme.js";
 import { PENDULUM } from "./views/pendulum.js";
+import { SPHERE } from "./views/sphere.js";
 import { VEHICLE } from "./views/vehicle.js";
 
-const VIEWS = [PENDULUM, VEHICLE], stages = new Map(), arrived = new Map();
+/** The views whose data are built. */
+const BUILT = document.documentElement.dataset.problems.split(" ");
+const VIEWS = [PENDULUM, VEHICLE, SPHERE].filter(({ file }) => BUILT.includes(file)), stages = new Map(), arrived = new Map();
 const tabs = document.getElementById("tabs"), status = document.getElementById("status");
 
 /** Called by the files of data, which are scripts, since pages that are opened as files may load nothing else. */

@@ -12,7 +12,7 @@ export class Chart {
     Object.assign(this, { canvas, view });
   }
 
-  draw(methods, time, problem) {
+  draw(methods, time, problem, p) {
     const { g, width, height } = prepared(this.canvas), colors = theme(), { panels } = this.view;
     const longest = Math.max(1, ...methods.map(({ plan }) => plan.duration));
     const share = (height - MARGIN.top - MARGIN.bottom - MARGIN.between * (panels.length - 1)) / panels.reduce((sum, { weight = 1 }) => sum + weight, 0);
@@ -21,18 +21,14 @@ export class Chart {
     panels.forEach((panel, i) => {
       const box = { left: MARGIN.left, right: width - MARGIN.right, top, bottom: top + share * (panel.weight ?? 1) };
       const last = i === panels.length - 1;
-      this.panel(g, panel, { box, x, methods, problem, colors, xTicks: ticks([0, longest * 1.04], width < 420 ? 4 : 7), last, time });
+      this.panel(g, panel, { box, x, methods, problem, colors, xTicks: ticks([0, longest * 1.04], width < 420 ? 4 : 7), last, time, p });
       top = box.bottom + MARGIN.between;
     });
   }
 
-  panel(g, panel, { box, x, methods, problem, colors, xTicks, last, time }) {
-    const of = panel.control ? "controls" : "states", width = panel.control ? problem.nu : problem.nx;
-    const traces = methods.map((method) => ({
-      ...method,
-      planned: method.plan[of].map((row) => row[panel.index]),
-      followed: column(method.episode[of], width, panel.index).slice(0, method.episode.planned + (panel.control ? 0 : 1)),
-    }));
+  panel(g, panel, { box, x, methods, problem, colors, xTicks, last, time, p }) {
+    const of = panel.traces ?? ((method) => this.coordinate(method, panel, problem));
+    const traces = methods.map((method) => ({ ...method, ...of(method, p) }));
     const range = panel.range(traces.flatMap(({ planned, followed }) => [...planned, ...followed]));
     const y = scale(range, [box.bottom, box.top]), bands = panel.goals?.(range) ?? [];
     const words = last ? xTicks : xTicks.map(([value]) => [value, ""]);
@@ -52,6 +48,15 @@ export class Chart {
     Object.assign(g, { strokeStyle: colors.ink, lineWidth: 1 });
     polyline(g, [[x(time), box.top], [x(time), box.bottom]]);
     if (x(time) <= box.right) g.stroke();
+  }
+
+  /** The values of a state or control, planned at the knots and followed at the control steps. */
+  coordinate({ plan, episode }, { control, index }, { nx, nu }) {
+    const of = control ? "controls" : "states", steps = episode.planned + (control ? 0 : 1);
+    return {
+      planned: plan[of].map((row) => row[index]),
+      followed: column(episode[of], control ? nu : nx, index).slice(0, steps),
+    };
   }
 
   trace(g, { planned, followed, plan, color, dash }, x, y, stepped, dt) {

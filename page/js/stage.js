@@ -21,7 +21,7 @@ export class Stage {
     this.chart = new Chart(part("chart"), view.chart);
     this.player = new Player(part("play"), part("time"), part("seconds"), () => this.paint());
     this.sliders = new Sliders(part("sliders"), model.problem.parameters, (i, value) => this.set(this.p.map((old, k) => (k === i ? value : old))));
-    for (const name of ["task", "mapHint", "sceneHint"]) part(name).textContent = view[name];
+    for (const name of ["task", "mapHint", "sceneHint", "verdictHint"]) part(name).textContent = view[name] ?? "";
     part("clearance").hidden = !model.problem.clearances;
     part("stored").textContent = `${model.nearest.count} of ${model.nearest.total}`;
     this.legend();
@@ -42,6 +42,7 @@ export class Stage {
       this.set(map.at(this.p, [x + dx, y + dy]));
     });
     const size = () => ({ width: scene.clientWidth, height: scene.clientHeight });
+    if (view.camera) this.turnable(scene);
     if (view.dragged) draggable(scene, (pixel, first) => this.set(view.dragged(this.p, pixel, size())));
     part("sweep").addEventListener("click", () => this.sweep());
     part("random").addEventListener("click", () => {
@@ -49,6 +50,22 @@ export class Stage {
       this.set(parameters.map(({ lower, upper }) => lower + Math.random() * (upper - lower)));
     });
     new ResizeObserver(() => this.paint()).observe(this.root);
+  }
+
+  /** Let the reader turn the picture of space, by dragging or with the arrow keys. */
+  turnable(scene) {
+    const turn = (dx, dy) => {
+      this.view.camera.turn(dx, dy);
+      this.paint();
+    };
+    let before = null;
+    scene.tabIndex = 0;
+    scene.setAttribute("role", "application");
+    draggable(scene, (pixel, first) => {
+      if (!first) turn(pixel[0] - before[0], pixel[1] - before[1]);
+      before = pixel;
+    });
+    movable(scene, ([dx, dy]) => turn(5 * dx, 5 * dy));
   }
 
   /** Buttons that show and hide the methods. */
@@ -102,7 +119,7 @@ export class Stage {
     if (!this.root.clientWidth || !this.methods) return;
     const methods = this.methods.filter(({ id }) => !this.hidden.has(id)), { problem } = this.model, { time } = this.player;
     this.map.draw(this.p, methods);
-    this.chart.draw(methods, time, problem);
+    this.chart.draw(methods, time, problem, this.p);
     const { g, width, height } = prepared(this.part("scene"));
     this.view.scene(g, { width, height, colors: theme(), methods, problem, time, p: this.p });
   }

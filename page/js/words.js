@@ -31,8 +31,8 @@ export function fill(body, methods, problem) {
     cell(row, verdict.atEnd ? "✓ yes" : "✗ no", "td", verdict.atEnd ? "good" : "bad");
     cell(row, digits(verdict.error));
     cell(row, digits(verdict.cost));
-    cell(row, `${verdict.duration.toFixed(2)} s`);
-    if (problem.clearances) cell(row, `${digits(verdict.clearance)} m`, "td", verdict.clearance < -0.01 ? "bad" : "");
+    cell(row, verdict.duration.toFixed(2));
+    if (problem.clearances) cell(row, digits(verdict.clearance), "td", verdict.clearance < -0.01 ? "bad" : "");
     return row;
   }));
 }

@@ -18,7 +18,9 @@ _FLAGS = (
 
 
 class Browser:
-    """One page of a Chromium; ``problems`` are the errors that the page reports."""
+    """One page of a Chromium; ``problems`` are the errors that the page reports, ``shows`` says what is opened."""
+
+    shows = None
 
     def __init__(self, process, reads, writes):
         self._process, self._reads, self._writes = process, reads, writes

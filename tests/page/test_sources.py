@@ -9,7 +9,7 @@ import pytest
 
 import moe_policy
 from moe_policy.experiments.page import bundle
-from moe_policy.experiments.page.contents import SHOWN
+from moe_policy.experiments.page.contents import SHOWN, USUAL
 from moe_policy.experiments.page.packing import Packing
 from scripts.build_page import BUILT, SOURCES
 
@@ -27,18 +27,19 @@ def _array(data, place):
 
 
 def test_the_html_is_that_of_the_sources():
-    assert (BUILT / "index.html").read_text(encoding="utf-8") == bundle.page(SOURCES), CURE
+    assert (BUILT / "index.html").read_text(encoding="utf-8") == bundle.page(SOURCES, USUAL), CURE
 
 
 def test_the_page_loads_nothing_from_elsewhere():
-    assert not re.findall(r"(?:src|href)=|https?://|@import|url\(", bundle.page(SOURCES))
+    assert not re.findall(r"(?:src|href)=|https?://|@import|url\(", bundle.page(SOURCES, USUAL))
 
 
 def test_all_files_together_are_small():
+    assert {path.name for path in BUILT.iterdir()} == {"index.html", *(f"{name}.js" for name in USUAL)}
     assert sum(path.stat().st_size for path in BUILT.iterdir()) < 1.5e6
 
 
-@pytest.mark.parametrize("name", SHOWN)
+@pytest.mark.parametrize("name", USUAL)
 def test_the_networks_are_the_shipped_ones(name):
     data, shown = _data(name), SHOWN[name]
     for method, shipped in (("snn", "snn"), ("mixture", shown.mixture)):

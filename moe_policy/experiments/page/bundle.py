@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import graphlib
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "([^"]+)";\n', re.MULTILINE)
@@ -15,15 +16,12 @@ _EXPORT = re.compile(r"^export (?:(?:async )?function|class|const|let) (\w+)", r
 _EXPORT_LIST = re.compile(r"^export \{([^}]*)\};\n", re.MULTILINE)
 
 
-def page(sources: Path) -> str:
-    """The HTML of the folder ``sources``, with its styles and scripts inside."""
+def page(sources: Path, problems: Sequence[str]) -> str:
+    """The HTML of the folder ``sources`` for ``problems``, with its styles and scripts inside."""
     styles = "\n".join(path.read_text(encoding="utf-8") for path in sorted((sources / "css").glob("*.css")))
     template = (sources / "index.html").read_text(encoding="utf-8")
-    parts = {"/* styles */": f"\n{styles}", "/* script */": f"\n{script(sources / 'js', 'app.js')}"}
-    for marker, content in parts.items():
-        before, after = template.split(marker)
-        template = before + content + after
-    return template
+    parts = {"problems": " ".join(problems), "styles": styles, "script": script(sources / "js", "app.js")}
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
 
 
 def script(folder: Path, entry: str) -> str:
