@@ -4,6 +4,9 @@ from moe_policy.checking.checked import Checked as Checked
 from moe_policy.checking.remedies import Repair as Repair
 from moe_policy.checking.verdict import CheckedPlans as CheckedPlans
 from moe_policy.checking.verdict import Verdict as Verdict
+from moe_policy.control.estimation import Estimated as Estimated
+from moe_policy.control.estimation import Estimating as Estimating
+from moe_policy.control.kalman import Belief as Belief
 from moe_policy.control.stabiliser import Entered as Entered
 from moe_policy.control.stabiliser import Stabilised as Stabilised
 from moe_policy.control.stabiliser import Stabiliser as Stabiliser

@@ -98,8 +98,8 @@ class PlanningPolicy(Policy, Protocol):
     def start(self, parameters: Array) -> State:
         """The recurrent state at the beginning of episodes with ``parameters`` (B, np)."""
 
-    def schedule(self, state: State) -> Schedule:
+    def schedule(self, state: State) -> Schedule | None:
         """The schedule of episodes with the recurrent ``state`` of :meth:`start`, or with a later one.
 
-        Where nothing has changed it is the same object.
+        Where nothing has changed it is the same object; ``None`` for a wrapper of a policy without plans.
         """

@@ -100,6 +100,7 @@ def _run(envs: Environments, policy: Policy, p: Array, steps: int, record: bool,
         step, running = step + 1, ledger.running.copy()
         action, state = act(policy, observation, state, begins)
         if schedule is not None and (renewed := cast(PlanningPolicy, policy).schedule(state)) is not schedule:
+            assert renewed is not None
             schedule = renewed
             ledger.reschedule(schedule)
         observation, _, _, _, _ = envs.step(action)
