@@ -32,7 +32,10 @@ async function stageOf(view) {
 
 /** Show the problem of a view, and hide the others. */
 async function open(view) {
-  for (const tab of tabs.children) tab.setAttribute("aria-selected", String(tab.dataset.file === view.file));
+  for (const tab of tabs.children) {
+    if (tab.dataset.file === view.file) tab.setAttribute("aria-current", "page");
+    else tab.removeAttribute("aria-current");
+  }
   status.textContent = stages.has(view.file) ? "" : `Loading ${view.title.toLowerCase()} …`;
   if (!stages.has(view.file)) stages.set(view.file, stageOf(view));
   try {
@@ -51,7 +54,6 @@ async function open(view) {
 for (const view of VIEWS) {
   const tab = Object.assign(document.createElement("button"), { type: "button", textContent: view.title });
   tab.dataset.file = view.file;
-  tab.setAttribute("role", "tab");
   tab.addEventListener("click", () => open(view));
   tabs.append(tab);
 }

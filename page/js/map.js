@@ -80,8 +80,12 @@ export class RegionMap {
 
   picture(found, width, height, strength) {
     const made = Object.assign(document.createElement("canvas"), { width, height }), g = made.getContext("2d");
-    const image = g.createImageData(width, height), tints = this.view.families.map(({ color }) => rgb(color));
-    found.forEach((expert, k) => image.data.set([...tints[expert], 255 * strength], 4 * k));
+    const image = g.createImageData(width, height), pixels = new Uint32Array(image.data.buffer);
+    const tints = this.view.families.map(({ color }) => {
+      const [red, green, blue] = rgb(color);
+      return new Uint32Array(new Uint8ClampedArray([red, green, blue, 255 * strength]).buffer)[0];
+    });
+    for (let k = 0; k < pixels.length; k++) pixels[k] = tints[found[k]];
     g.putImageData(image, 0, 0);
     return made;
   }

@@ -38,6 +38,15 @@ export class Model {
     return { id, name, dash, color, flat, expert, plan, episode, verdict: verdict(episode, this.problem) };
   }
 
+  /** Parameters near those of a stored optimum, which are what the problem is about. */
+  random() {
+    const near = this.nearest.at(Math.floor(Math.random() * this.nearest.count));
+    return this.problem.parameters.map(({ lower, upper }, i) => {
+      const value = near[i] + 0.1 * (Math.random() - 0.5) * (upper - lower);
+      return Math.min(upper, Math.max(lower, value));
+    });
+  }
+
   methods(p) {
     return METHODS.map((method) => this.method(method, p));
   }

@@ -4,17 +4,20 @@ function layersOf(description, read) {
   return description.map(({ inputs, weights, biases }) => ({ inputs, weights: read(weights), biases: read(biases) }));
 }
 
-/** Outputs of a network at x: matrix products with LeakyReLU between them. */
+/** Outputs of one layer at x, and of negative ones `slope` times as much. */
+function layerAt({ inputs, weights, biases }, slope, x) {
+  const outputs = biases.length, y = new Float64Array(outputs);
+  for (let o = 0, w = 0; o < outputs; o++) {
+    let sum = biases[o];
+    for (let i = 0; i < inputs; i++, w++) sum += weights[w] * x[i];
+    y[o] = sum < 0 ? slope * sum : sum;
+  }
+  return y;
+}
+
+/** Outputs of a network at x, a Float64Array: matrix products with LeakyReLU between them. */
 function forward(layers, slope, x) {
-  layers.forEach(({ inputs, weights, biases }, l) => {
-    const y = new Float64Array(biases.length);
-    for (let o = 0; o < y.length; o++) {
-      let sum = biases[o];
-      for (let i = 0, w = o * inputs; i < inputs; i++) sum += weights[w + i] * x[i];
-      y[o] = sum < 0 && l < layers.length - 1 ? slope * sum : sum;
-    }
-    x = y;
-  });
+  for (let l = 0; l < layers.length; l++) x = layerAt(layers[l], l < layers.length - 1 ? slope : 1, x);
   return x;
 }
 
@@ -44,7 +47,7 @@ export class Network {
   }
 
   inputs(within) {
-    return within.map((value, i) => (value - this.input_mean[i]) / this.input_std[i]);
+    return Float64Array.from(within, (value, i) => (value - this.input_mean[i]) / this.input_std[i]);
   }
 
   /** The gate's outputs c(p), of which the largest belongs to the chosen expert; null for a single network. */

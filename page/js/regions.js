@@ -14,13 +14,17 @@ export function gridOf(logits, box, columns, rows) {
 
 /** The expert at each of width × height pixels, between nodes by linear interpolation of the gate's outputs. */
 export function choices({ values, columns, rows, experts }, width, height) {
-  const found = new Uint8Array(width * height);
+  const found = new Uint8Array(width * height), chosen = values.map(largest);
   for (let v = 0; v < height; v++) {
     const y = (1 - (v + 0.5) / height) * (rows - 1), j = Math.min(Math.floor(y), rows - 2), t = y - j;
     for (let u = 0; u < width; u++) {
       const x = ((u + 0.5) / width) * (columns - 1), i = Math.min(Math.floor(x), columns - 2), s = x - i;
-      const a = values[j * columns + i], b = values[j * columns + i + 1];
-      const c = values[(j + 1) * columns + i], d = values[(j + 1) * columns + i + 1];
+      const k = j * columns + i, choice = chosen[k];
+      if (choice === chosen[k + 1] && choice === chosen[k + columns] && choice === chosen[k + columns + 1]) {
+        found[v * width + u] = choice;
+        continue;
+      }
+      const a = values[k], b = values[k + 1], c = values[k + columns], d = values[k + columns + 1];
       let best = 0, most = -Infinity;
       for (let e = 0; e < experts; e++) {
         const here = (1 - t) * ((1 - s) * a[e] + s * b[e]) + t * ((1 - s) * c[e] + s * d[e]);

@@ -6,7 +6,7 @@ import { draggable, movable } from "./drag.js";
 import { RegionMap } from "./map.js";
 import { Player } from "./player.js";
 import { Sliders } from "./sliders.js";
-import { fill, sentence, swatch } from "./words.js";
+import { fill, mark, sentence, swatch } from "./words.js";
 
 const CALM = matchMedia("(prefers-reduced-motion: reduce)");
 /** Milliseconds without a change after which the verdict is read out. */
@@ -16,11 +16,11 @@ export class Stage {
   /** `root` is an element made of the page's template. */
   constructor(root, model, view) {
     const part = (name) => root.querySelector(`[data-part="${name}"]`);
-    Object.assign(this, { root, part, model, view, hidden: new Set() });
+    Object.assign(this, { root, part, model, view, hidden: new Set(), marks: new Map() });
     this.map = new RegionMap(part("map"), model, view.map);
     this.chart = new Chart(part("chart"), view.chart);
     this.player = new Player(part("play"), part("time"), part("seconds"), () => this.paint());
-    this.sliders = new Sliders(part("sliders"), model.problem.parameters, (i, value) => this.set(this.p.map((old, k) => (k === i ? value : old))));
+    this.sliders = new Sliders(part("sliders"), model.problem.parameters, (i, value) => this.move(this.p.map((old, k) => (k === i ? value : old))));
     for (const name of ["task", "mapHint", "sceneHint", "verdictHint"]) part(name).textContent = view[name] ?? "";
     part("clearance").hidden = !model.problem.clearances;
     part("stored").textContent = `${model.nearest.count} of ${model.nearest.total}`;
@@ -35,20 +35,17 @@ export class Stage {
     let turning = false;
     draggable(part("map"), (pixel, first) => {
       if (first) turning = map.onArm(this.p, pixel);
-      this.set(turning ? map.turned(this.p, pixel) : map.at(this.p, pixel));
+      this.move(turning ? map.turned(this.p, pixel) : map.at(this.p, pixel));
     });
     movable(part("map"), ([dx, dy]) => {
       const [x, y] = map.pixel(this.p);
-      this.set(map.at(this.p, [x + dx, y + dy]));
+      this.move(map.at(this.p, [x + dx, y + dy]));
     });
     const size = () => ({ width: scene.clientWidth, height: scene.clientHeight });
     if (view.camera) this.turnable(scene);
-    if (view.dragged) draggable(scene, (pixel, first) => this.set(view.dragged(this.p, pixel, size())));
+    if (view.dragged) draggable(scene, (pixel, first) => this.move(view.dragged(this.p, pixel, size())));
     part("sweep").addEventListener("click", () => this.sweep());
-    part("random").addEventListener("click", () => {
-      const { parameters } = this.model.problem;
-      this.set(parameters.map(({ lower, upper }) => lower + Math.random() * (upper - lower)));
-    });
+    part("random").addEventListener("click", () => this.move(this.model.random()));
     new ResizeObserver(() => this.paint()).observe(this.root);
   }
 
@@ -73,7 +70,9 @@ export class Stage {
     for (const method of this.model.methods(this.view.initial)) {
       const button = document.createElement("button");
       button.type = "button";
-      button.append(swatch(method));
+      const mark = document.createElement("b");
+      button.append(swatch(method), mark);
+      this.marks.set(method.id, mark);
       button.setAttribute("aria-pressed", "true");
       button.addEventListener("click", () => {
         const shown = button.getAttribute("aria-pressed") === "false";
@@ -85,7 +84,13 @@ export class Stage {
     }
   }
 
-  /** Move the initial condition to parameters p. */
+  /** Move the initial condition to parameters p, as the reader asks. */
+  move(p) {
+    this.ticket = null;
+    this.set(p);
+  }
+
+  /** Show everything from the initial condition of parameters p. */
   set(p) {
     this.p = p;
     this.methods = this.model.methods(p);
@@ -93,6 +98,7 @@ export class Stage {
     this.player.until(Math.max(...ends) + 1);
     this.sliders.show(p);
     fill(this.part("verdicts"), this.methods, problem);
+    for (const { id, verdict } of this.methods) mark(this.marks.get(id), verdict);
     this.paint();
     clearTimeout(this.waiting);
     this.waiting = setTimeout(() => this.speak(), SPOKEN_AFTER);
@@ -115,7 +121,15 @@ export class Stage {
     requestAnimationFrame(step);
   }
 
+  /** Draw everything in the next frame. */
   paint() {
+    this.frame ||= requestAnimationFrame(() => {
+      this.frame = 0;
+      this.draw();
+    });
+  }
+
+  draw() {
     if (!this.root.clientWidth || !this.methods) return;
     const methods = this.methods.filter(({ id }) => !this.hidden.has(id)), { problem } = this.model, { time } = this.player;
     this.map.draw(this.p, methods);

@@ -18,9 +18,17 @@ function cell(row, content, kind = "td", name = "") {
 function swatch({ color, dash, name }) {
   const label = document.createElement("span");
   const line = `<line x1="1" y1="5" x2="25" y2="5" stroke="${color}" stroke-width="3" stroke-dasharray="${dash.join(" ")}" stroke-linecap="round"/>`;
-  label.innerHTML = `<svg width="26" height="10" aria-hidden="true">${line}</svg> `;
+  label.className = "swatch";
+  label.innerHTML = `<svg width="26" height="10" aria-hidden="true">${line}</svg>`;
   label.append(name);
   return label;
+}
+
+/** Whether a method reaches the goal, as a sign in its button. */
+export function mark(element, { atEnd }) {
+  element.textContent = atEnd ? "✓" : "✗";
+  element.className = atEnd ? "good" : "bad";
+  element.setAttribute("aria-label", atEnd ? ", reaches the goal" : ", misses the goal");
 }
 
 /** Write the table of verdicts, one row for each method. */

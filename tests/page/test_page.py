@@ -3,7 +3,9 @@
 import atexit
 import shutil
 import tempfile
-from functools import lru_cache
+import threading
+from functools import lru_cache, partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import numpy as np
@@ -137,6 +139,42 @@ def test_the_page_loads_without_errors_and_says_its_verdict(browser, name):
     browser.until(f"{part('words')}.textContent.includes('goal')")
     assert browser.run("document.getElementById('status').textContent") == ""
     assert browser.problems == []
+
+
+def test_a_static_host_serves_the_page(browser):
+    handler = partial(SimpleHTTPRequestHandler, directory=BUILT)
+    handler.log_message = lambda *_: None
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        browser.problems.clear()
+        browser.shows = None
+        browser.open(f"http://127.0.0.1:{server.server_port}/index.html")
+        browser.until("document.querySelector('tbody tr')")
+        server.shutdown()
+    assert browser.problems == []
+
+
+def test_the_reader_moves_on_while_the_initial_condition_crosses_a_discontinuity(browser, name):
+    opened(browser, name)
+    browser.prefer(prefers_reduced_motion="no-preference")
+    browser.run(f"{part('sweep')}.click()")
+    browser.until(f"shown.p[0] !== {browser.run('shown.view.initial[0]')}")
+    browser.run(f"{part('sliders')}.querySelector('input').focus()")
+    browser.press("ArrowLeft")
+    stopped = browser.run("shown.p")
+    browser.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    browser.shows = None
+    assert browser.run("shown.p") == stopped
+
+
+def test_hidden_methods_are_not_drawn(browser):
+    opened(browser, "pendulum")
+    button = f"{part('legend')}.children[0]"
+    browser.run(f"{button}.click()")
+    assert browser.run(f"{button}.getAttribute('aria-pressed')") == "false"
+    assert browser.run("shown.hidden.has('snn')")
+    browser.run(f"{button}.click()")
+    assert not browser.run("shown.hidden.size")
 
 
 def _at(browser, points):

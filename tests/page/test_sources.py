@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import moe_policy
-from moe_policy.experiments.page import bundle
+from moe_policy.experiments.page import bundle, program
 from moe_policy.experiments.page.contents import SHOWN, USUAL
 from moe_policy.experiments.page.packing import Packing
+from moe_policy.experiments.running import UsageError
 from scripts.build_page import BUILT, SOURCES
 
 CURE = "run python scripts/build_page.py --ship"
@@ -31,7 +32,7 @@ def test_the_html_is_that_of_the_sources():
 
 
 def test_the_page_loads_nothing_from_elsewhere():
-    assert not re.findall(r"(?:src|href)=|https?://|@import|url\(", bundle.page(SOURCES, USUAL))
+    assert not re.findall(r"(?:src|href)=(?!\"data:)|https?://|@import|url\(", bundle.page(SOURCES, USUAL))
 
 
 def test_all_files_together_are_small():
@@ -50,6 +51,13 @@ def test_the_networks_are_the_shipped_ones(name):
         weights = [weight for part in parts for weight in part.weights]
         for layer, weight in zip(layers, weights, strict=True):
             np.testing.assert_array_equal(_array(data, layer["weights"]), weight.ravel(), err_msg=CURE)
+
+
+def test_a_missing_compiler_is_named_with_its_cure(monkeypatch):
+    monkeypatch.setattr(program.shutil, "which", lambda name: None)
+    policy = moe_policy.TrackingPolicy("PendulumSwingup-v0", moe_policy.load("PendulumSwingup-v0", "snn"))
+    with pytest.raises(UsageError, match="apt-get install clang lld"):
+        program.program(policy, SOURCES / "c")
 
 
 def test_arrays_begin_where_views_may_and_keep_their_numbers():
