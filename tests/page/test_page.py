@@ -63,6 +63,12 @@ def name(request):
     return request.param
 
 
+@pytest.fixture(params=["pendulum", *(pytest.param(name, marks=pytest.mark.slow) for name in ("vehicle", "sphere"))])
+def any_name(request):
+    """A problem, for what hardly depends on it."""
+    return request.param
+
+
 def instances(name, count):
     return ocp_envs.sample(SHOWN[name].env, seed=11, n=count)
 
@@ -121,9 +127,9 @@ def test_tracked_episodes_are_those_of_python(browser, name):
             np.testing.assert_allclose(deepest, episodes.violation, **CLOSE)
 
 
-def test_the_nearest_optimum_is_the_nearest(browser, name):
-    opened(browser, name)
-    p, box = instances(name, 10), moe_policy.load(SHOWN[name].env, "nearest").problem.parameters
+def test_the_nearest_optimum_is_the_nearest(browser, any_name):
+    opened(browser, any_name)
+    p, box = instances(any_name, 10), moe_policy.load(SHOWN[any_name].env, "nearest").problem.parameters
     stored = browser.run("Array.from({ length: shown.model.nearest.count }, (_, i) => shown.model.nearest.at(i))")
     distances = np.linalg.norm((p[:, None] - np.array(stored)[None]) / box.width, axis=2)
     rows = browser.run(f"{p.tolist()}.map((p) => shown.model.nearest.row(p))")
@@ -154,8 +160,8 @@ def test_a_static_host_serves_the_page(browser):
     assert browser.problems == []
 
 
-def test_the_reader_moves_on_while_the_initial_condition_crosses_a_discontinuity(browser, name):
-    opened(browser, name)
+def test_the_reader_moves_on_while_the_initial_condition_crosses_a_discontinuity(browser, any_name):
+    opened(browser, any_name)
     browser.prefer(prefers_reduced_motion="no-preference")
     browser.run(f"{part('sweep')}.click()")
     browser.until(f"shown.p[0] !== {browser.run('shown.view.initial[0]')}")
@@ -215,8 +221,8 @@ def test_across_a_discontinuity_the_plan_of_the_mixture_flips_and_that_of_the_si
     assert np.abs(np.diff(single)).max() < 0.5
 
 
-def test_arrow_keys_and_sliders_move_the_initial_condition(browser, name):
-    opened(browser, name)
+def test_arrow_keys_and_sliders_move_the_initial_condition(browser, any_name):
+    opened(browser, any_name)
     before = browser.run("shown.p")
     browser.run(f"{part('map')}.focus()")
     browser.press("ArrowRight")
@@ -228,8 +234,8 @@ def test_arrow_keys_and_sliders_move_the_initial_condition(browser, name):
     assert browser.run("document.activeElement.getAttribute('aria-valuetext')")
 
 
-def test_every_control_has_a_name(browser, name):
-    opened(browser, name)
+def test_every_control_has_a_name(browser, any_name):
+    opened(browser, any_name)
     nodes = browser.call("Accessibility.getFullAXTree")["nodes"]
     roles = {"button", "slider", "tab", "application", "image", "columnheader", "rowheader"}
     shown = [node for node in nodes if not node["ignored"] and node["role"]["value"] in roles]
