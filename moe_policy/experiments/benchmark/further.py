@@ -24,7 +24,7 @@ def _benchmark(
 CART_POLE = _benchmark(
     "cart-pole",
     ("snn", "moe-custom", "moe-kmeans-10"),
-    400,
+    300,
     (
         mismatch("cart", "cart"),
         mismatch("pole", "pole"),
@@ -47,7 +47,7 @@ UNCERTAIN_PENDULUM = _benchmark(
 ROCKET = _benchmark(
     "rocket",
     ("snn", "moe-kmeans-4"),
-    300,
+    200,
     (
         mismatch("gravity", "gravity"),
         mismatch("propellant", "alpha"),
@@ -57,7 +57,7 @@ ROCKET = _benchmark(
 TWO_LINK_ARM = _benchmark(
     "arm",
     ("snn", "moe-auto", "moe-kmeans-10"),
-    300,
+    200,
     (
         mismatch("upper arm", "mass_1"),
         mismatch("forearm", "mass_2"),
@@ -67,7 +67,7 @@ TWO_LINK_ARM = _benchmark(
 PLANAR_QUADCOPTER = _benchmark(
     "discs",
     ("snn", "moe-custom", "moe-kmeans-8"),
-    200,
+    150,
     (
         mismatch("mass", "mass"),
         mismatch("inertia", "inertia"),
@@ -77,7 +77,7 @@ PLANAR_QUADCOPTER = _benchmark(
 QUADCOPTER_RECOVERY = _benchmark(
     "recovery",
     ("snn", "moe-kmeans-4"),
-    200,
+    150,
     (
         mismatch("mass", "mass"),
         mismatch("inertia", "inertia_x", "inertia_y", "inertia_z"),
