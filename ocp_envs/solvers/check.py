@@ -102,10 +102,11 @@ def _between(problem: OptimalControlProblem, trajectory: Trajectory, contexts: A
     size, intervals, nu = trajectory.controls.shape
     if not problem.n_between:
         return np.zeros((size, intervals, 0))
-    states = trajectory.states[:, :-1].reshape(size * intervals, -1)
+    states = trajectory.states[:, :-1].reshape(size * intervals, problem.system.nx)
     lengths = np.repeat(trajectory.step, intervals)[:, None]
     arguments = states, trajectory.controls.reshape(-1, nu), np.repeat(contexts, intervals, axis=0), lengths
-    return np.asarray(np.maximum(-problem.functions.between()(*arguments)[0], 0.0).reshape(size, intervals, -1))
+    values = problem.functions.between()(*arguments)[0]
+    return np.asarray(np.maximum(-values, 0.0).reshape(size, intervals, problem.n_between))
 
 
 def _mixed(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:
@@ -113,11 +114,11 @@ def _mixed(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Arr
     size, intervals, nu = trajectory.controls.shape
     if not sum(problem.n_mixed):
         return np.zeros((size, intervals, 0))
-    states = trajectory.states[:, :-1].reshape(size * intervals, -1)
+    states = trajectory.states[:, :-1].reshape(size * intervals, problem.system.nx)
     arguments = states, trajectory.controls.reshape(-1, nu), np.repeat(contexts, intervals, axis=0)
     inequalities, equalities = problem.functions.mixed()(*arguments)
     violated = np.concatenate([np.maximum(-inequalities, 0.0), np.abs(equalities)], axis=1)
-    return np.asarray(violated.reshape(size, intervals, -1))
+    return np.asarray(violated.reshape(size, intervals, sum(problem.n_mixed)))
 
 
 def _shortfall(problem: OptimalControlProblem, trajectory: Trajectory, contexts: Array) -> Array:

@@ -103,7 +103,7 @@ def fidelity(problem: OptimalControlProblem, parameters: Array, trajectory: Traj
     _, contexts = problem.start(parameters)
     if not size:
         return Fidelity(problem, np.empty((0, intervals)), np.empty((0, problem.n_clearances)), np.empty(0))
-    begins = trajectory.states[:, :-1].reshape(size * intervals, -1)
+    begins = trajectory.states[:, :-1].reshape(size * intervals, problem.system.nx)
     controls, s = trajectory.controls.reshape(-1, nu), np.repeat(contexts, intervals, axis=0)
     h = np.repeat(trajectory.step, intervals)
     error = integrate(problem.functions.rate(), begins, controls, s, h) - trajectory.states[:, 1:].reshape(begins.shape)
@@ -125,7 +125,10 @@ def clearances_inside(
         substeps: Runge-Kutta steps from the first knot to each point.
     """
     size, intervals, nu = trajectory.controls.shape
-    begins, controls = trajectory.states[:, :-1].reshape(size * intervals, -1), trajectory.controls.reshape(-1, nu)
+    begins, controls = (
+        trajectory.states[:, :-1].reshape(size * intervals, problem.system.nx),
+        trajectory.controls.reshape(-1, nu),
+    )
     s, h = np.repeat(contexts, intervals, axis=0), np.repeat(trajectory.step, intervals)[:, None]
     flow, clearances = problem.functions.flow(substeps), problem.functions.clearances()
     values = [clearances(flow(begins, controls, s, fraction * h)[0], s)[0] for fraction in fractions]

@@ -49,3 +49,10 @@ def test_check_finds_a_plan_through_the_obstacle():
     check = verify(DISC, p + np.array([0, 0, 0.2]), plan)
     assert check.path[0] == pytest.approx(0.2, abs=1e-3)
     assert not check.passed[0]
+
+
+@pytest.mark.parametrize("points", [1, 3])
+def test_no_trajectories_are_checked_as_well(points):
+    problem = dataclasses.replace(DISC, clearance_points=points)
+    nothing = problem.unflatten(np.empty((0, problem.flat_size)))
+    assert verify(problem, np.empty((0, len(problem.parameters))), nothing, np.empty(0)).passed.shape == (0,)
