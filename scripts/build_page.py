@@ -1,8 +1,8 @@
 """Build the page in the browser, which needs no server: planners, regulators and simulators of some problems.
 
 The folder ``runs/page``, with ``--ship`` ``docs/page``, gets ``index.html`` and one file of data for each problem.
-Sources are in ``page/``. The exported regulators and the simulators are compiled to WebAssembly, with clang and lld
-(``apt-get install clang lld``).
+Sources are in ``moe_policy/experiments/page/source``. The exported regulators and the simulators are compiled to
+WebAssembly, with clang and lld (``apt-get install clang lld``).
 
     python scripts/build_page.py
     python scripts/build_page.py --problems pendulum vehicle sphere
@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from moe_policy.experiments import cli
-from moe_policy.experiments.page.bundle import page
+from moe_policy.experiments.page.bundle import SOURCES, page
 from moe_policy.experiments.page.contents import SHOWN, USUAL, contents
 from ocp_envs.support.files import replacing
 
-SOURCES, BUILT = cli.ROOT / "page", cli.ROOT / "docs" / "page"
+BUILT = cli.ROOT / "docs" / "page"
 
 
 def write(path: Path, text: str) -> None:

@@ -54,7 +54,7 @@ def cost_rate(
 
 
 def postures(context: SimpleNamespace, c: SimpleNamespace) -> list[list[Expression]]:
-    """The states at rest with the hand at the point in ``context``, the elbow to the right and to the left."""
+    """The states at rest, elbow to either side, with the hand at the point in ``context``; ``c`` are the constants."""
     bend = ca.acos((context.distance**2 - c.length_1**2 - c.length_2**2) / (2 * c.length_1 * c.length_2))
     rows = []
     for q2 in (bend, -bend):

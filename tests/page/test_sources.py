@@ -9,10 +9,11 @@ import pytest
 
 import moe_policy
 from moe_policy.experiments.page import bundle, program
+from moe_policy.experiments.page.bundle import SOURCES
 from moe_policy.experiments.page.contents import SHOWN, USUAL
 from moe_policy.experiments.page.packing import Packing
 from moe_policy.experiments.running import UsageError
-from scripts.build_page import BUILT, SOURCES
+from scripts.build_page import BUILT
 
 CURE = "run python scripts/build_page.py --ship"
 

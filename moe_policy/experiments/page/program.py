@@ -1,7 +1,7 @@
 """Regulators and simulator of a problem as a WebAssembly program.
 
 The regulators are the exported C of a tracking policy (:meth:`~moe_policy.control.tracking.TrackingPolicy.to_c`), the
-simulator is the C of its control step; ``page/c/episode.c`` joins them. They are compiled for the browser with clang
+simulator is the C of its control step; ``source/c/episode.c`` joins them. They are compiled for the browser with clang
 and lld.
 """
 
@@ -21,7 +21,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.clock import count_steps
 from ocp_envs.support.programs import written
 
-#: Arrays and functions that the page uses by name; see ``page/c/episode.c``.
+#: Arrays and functions that the page uses by name; see ``source/c/episode.c``.
 EXPORTS = (
     *("parameters", "plan", "states", "context"),
     *("controls", "costs", "left_box", "errors", "least_clearance", "episode"),
