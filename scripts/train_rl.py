@@ -18,8 +18,9 @@ import ast
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from moe_policy import store
 from moe_policy.experiments import cli, comparison
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.learners import (
@@ -31,8 +32,12 @@ from moe_policy.experiments.learners import (
     Trial,
     training_file,
 )
+from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.reports.records import read, write
-from moe_policy.rl.settings import ALGORITHMS, RLSettings
+from moe_policy.rl.actor import LearnedPolicy
+from moe_policy.rl.algorithms import ALGORITHMS
+from moe_policy.rl.cloning import CloningSettings, clone
+from moe_policy.rl.settings import ClonedPPOSettings, LearnerSettings, RLSettings
 from moe_policy.rl.training import TrainingRun, train
 from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem
@@ -41,7 +46,7 @@ from ocp_envs.support.progress import Progress
 from ocp_envs.support.provenance import provenance
 
 
-def override(problem: OptimalControlProblem, algorithm: str, texts: list[str]) -> RLSettings:
+def override(problem: OptimalControlProblem, algorithm: str, texts: list[str]) -> LearnerSettings:
     """The settings of ``algorithm`` in the benchmark of ``problem``, changed by ``texts``, each ``name=value``."""
     settings = benchmark_of(problem).learners.settings.get(algorithm) or ALGORITHMS[algorithm]()
     names = {f.name for f in dataclasses.fields(settings)}
@@ -66,37 +71,54 @@ def validated(problem: OptimalControlProblem, run: TrainingRun) -> LearnerValida
     return LearnerValidation(reached=metrics.reached, success=metrics.success, left_box=metrics.left_box)
 
 
-def trained(
-    problem: OptimalControlProblem, settings: RLSettings, kept: Path, on_record: Callable[[LearnerRun], None]
-) -> tuple[TrainingRun, LearnerRun]:
-    """Train with progress on the terminal; ``on_record`` is called with the record of the run after each evaluation."""
-    development, began = reference.load(problem, "development"), provenance()
-    cases = CaseSet(name="development", count=len(development))
-    shown, done = Progress(settings.steps, unit="step", label=f"{settings.algorithm}, {problem.id}"), 0
+class Report:
+    """Tells of a training on the terminal, keeps its best policy at ``kept``, and passes on its record so far."""
 
-    def report(run: TrainingRun) -> None:
-        nonlocal done
+    def __init__(
+        self, problem: OptimalControlProblem, settings: LearnerSettings, kept: Path, keep: Callable[[LearnerRun], None]
+    ) -> None:
+        self.development, self._began = reference.load(problem, "development"), provenance()
+        self.cases = CaseSet(name="development", count=len(self.development))
+        self._kept, self._keep, self._done = kept, keep, 0
+        self.shown = Progress(settings.steps, unit="step", label=f"{settings.algorithm}, {problem.id}")
+
+    def record(self, run: TrainingRun) -> LearnerRun:
+        """The record of ``run``."""
+        return LearnerRun.of(run, self.cases, self._began)
+
+    def __call__(self, run: TrainingRun) -> None:
+        """Report the last evaluation of ``run``."""
         last = run.curve[-1]
-        shown.update(last.steps - done)
-        done = last.steps
-        cost = "-" if last.cost is None else f"{last.cost:.3f}"
+        self.shown.update(last.steps - self._done)
+        self._done = last.steps
+        ratio, violation = ("-" if value is None else f"{value:.3f}" for value in (last.cost_ratio, last.violation))
         cli.say(
-            f"{last.steps:9d} steps {last.seconds:6.0f} s  success {last.success} cost {cost} "
-            f"score {last.score:.3f} return {last.mean_return:.1f} final error {last.final_error:.3g}"
+            f"{last.steps:9d} steps {last.seconds:6.0f} s  success {last.success} cost / optimal {ratio} "
+            f"violation {violation} return {last.mean_return:.1f} closest {last.closest:.3g}"
         )
-        run.policy.save(kept)
-        on_record(LearnerRun.of(run, cases, began))
+        run.policy.save(self._kept)
+        self._keep(self.record(run))
 
-    with shown:
-        run = train(
-            problem,
-            settings,
-            development.parameters,
-            optimal_costs=development.cost,
-            on_evaluation=report,
-            details={"development": cases.to_json()},
-        )
-    return run, LearnerRun.of(run, cases, began)
+
+def trained(problem: OptimalControlProblem, settings: LearnerSettings, report: Report, models: Path) -> TrainingRun:
+    """Train with progress on the terminal; a learner that begins with a cloned policy finds it in ``models``."""
+    development = report.development
+    common: dict[str, Any] = {
+        "optimal_costs": development.cost,
+        "details": {"development": report.cases.to_json()},
+    }
+    with report.shown:
+        if isinstance(settings, CloningSettings):
+            stored = store.load(problem, "nearest", kind=NearestPlanner)
+            run = clone(problem, settings, stored, development.parameters, **common)
+            report(run)
+            return run
+        if isinstance(settings, ClonedPPOSettings):
+            begin = store.load_file(models / problem.id / CloningSettings.algorithm, problem)
+            if not isinstance(begin, LearnedPolicy):
+                raise cli.UsageError(f"{models / problem.id}: expected the policy of behaviour cloning, got {begin!r}")
+            common["begin"] = begin
+        return train(problem, cast(RLSettings, settings), development.parameters, on_evaluation=report, **common)
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -113,7 +135,8 @@ def main() -> None:
     arguments = parse_arguments()
     cli.threads()
     problem, algorithm = arguments.problem, arguments.algorithm
-    cli.need("sb3_contrib" if algorithm == "tqc" else "stable_baselines3")
+    if algorithm != CloningSettings.algorithm:
+        cli.need("sb3_contrib" if algorithm == "tqc" else "stable_baselines3")
     settings = override(problem, algorithm, arguments.set)
     path = arguments.results / f"search_{algorithm}_{problem.id}.json"
     earlier = read(path, Search).trials if path.exists() else ()
@@ -123,7 +146,9 @@ def main() -> None:
             trial = Trial(note=arguments.trial, run=run)
             write(path, Search(env_id=problem.id, trials=(*earlier, trial)))
 
-    run, record = trained(problem, settings, arguments.data / "training" / f"{algorithm}_{problem.id}", keep_trial)
+    report = Report(problem, settings, arguments.data / "training" / f"{algorithm}_{problem.id}", keep_trial)
+    run = trained(problem, settings, report, arguments.models)
+    record = report.record(run)
     if not arguments.trial:
         found = LearnerTraining(env_id=problem.id, run=record, validation=validated(problem, run), search=earlier)
         if settings.seed == 0:

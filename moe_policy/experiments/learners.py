@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Self
 
 from moe_policy.reports.records import ABSENT, Absent, Record, inline, read, renamed
-from moe_policy.rl.settings import ALGORITHMS, RLSettings
+from moe_policy.rl.algorithms import ALGORITHMS
+from moe_policy.rl.settings import LearnerSettings
 from moe_policy.rl.training import TrainingRun
 from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.problem import OptimalControlProblem
@@ -31,6 +32,7 @@ class CurvePoint(Record):
     mean_return: float | Absent | None = ABSENT  # mean undiscounted return
     violation: float | Absent | None = ABSENT  # mean of the maximum violation of path constraints; ``None`` without
     final_error: float | Absent | None = ABSENT  # median of ‖x − goal‖ at the evaluation time
+    closest: float | Absent = ABSENT  # closest approach: median of the smallest ‖x − goal‖ of an episode
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,13 +70,13 @@ class LearnerRun(Record):
             seconds=curve[-1].seconds,
             best=CurvePoint(**dataclasses.asdict(run.best)),
             curve=curve,
-            complete=curve[-1].steps >= run.settings.steps,
+            complete=run.settings.complete(curve[-1].steps),
             development=development,
             provenance=provenance,
         )
 
     @property
-    def learner(self) -> RLSettings:
+    def learner(self) -> LearnerSettings:
         """The settings, with today's defaults for those that are not recorded."""
         known: Mapping[str, object] = {
             key: tuple(value) if isinstance(value, list) else value for key, value in self.settings.items()
@@ -133,7 +135,7 @@ def learner_trainings(folder: Path, problem: OptimalControlProblem) -> dict[str,
     Raises:
         ValueError: seeds of one algorithm were trained with different settings.
     """
-    pattern = re.compile(rf"training_([a-z0-9]+)_{re.escape(problem.id)}(_seed\d+)?\.json")
+    pattern = re.compile(rf"training_([a-z0-9-]+)_{re.escape(problem.id)}(_seed\d+)?\.json")
     found: dict[str, list[LearnerTraining]] = {}
     for path in sorted(folder.glob(f"training_*_{problem.id}*.json")):
         match = pattern.fullmatch(path.name)
@@ -149,7 +151,7 @@ def learner_trainings(folder: Path, problem: OptimalControlProblem) -> dict[str,
     return {name: sorted(seeds, key=lambda training: training.seed) for name, seeds in sorted(found.items())}
 
 
-def _differences(one: RLSettings, other: RLSettings) -> str:
+def _differences(one: LearnerSettings, other: LearnerSettings) -> str:
     names = [field.name for field in dataclasses.fields(one) if field.name != "seed"]
     pairs = [(name, getattr(one, name), getattr(other, name)) for name in names]
     return ", ".join(f"{name} {a} and {b}" for name, a, b in pairs if a != b)

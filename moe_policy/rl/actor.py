@@ -2,7 +2,7 @@
 
     a = squash(W_L σ(… σ(W_1 φ(observation) + b_1) …) + b_L),   u = the control that a ∈ [-1, 1] represents
 
-with φ and the scaling of :mod:`moe_policy.rl.features`; σ and squash are ReLU and tanh for SAC, tanh and a clip
+with φ and the controls of :mod:`moe_policy.rl.encoding`; σ and squash are ReLU and tanh for SAC, tanh and a clip
 for PPO. The actor decides every ``period`` seconds and its control is held in between, so a policy trained with
 ten decisions a second acts in an environment with fifty control steps a second. Running it needs neither
 PyTorch nor Stable-Baselines3.
@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from moe_policy.control.policy import ModelPolicy
 from moe_policy.model_files import ModelFile, write_model
 from moe_policy.planners.networks import Floats, checked_layers, forward
-from moe_policy.rl.features import Actions, Features
+from moe_policy.rl.encoding import Encoding
 from ocp_envs.control_step import checked_dt
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of
@@ -112,6 +112,7 @@ class LearnedPolicy(ModelPolicy):
         dt: control period of the environment, seconds.
         algorithm: the learner that trained the actor, such as ``"sac"``.
         details: how it was trained, as JSON.
+        encoding: features and actions of the actor; by default the plain ones.
 
     Raises:
         ValueError: an actor of other sizes than the problem's, or a period that is no multiple of ``dt``.
@@ -129,10 +130,11 @@ class LearnedPolicy(ModelPolicy):
         dt: float = 0.02,
         algorithm: str = "sac",
         details: Mapping[str, object] | None = None,
+        encoding: Encoding | None = None,
     ) -> None:
         problem = problem_of(problem)
-        self._features, self._actions = Features(problem), Actions(problem)
-        expected = (self._features.size, problem.system.nu)
+        self.encoding = Encoding.plain(problem) if encoding is None else encoding
+        expected = (self.encoding.features.size, problem.system.nu)
         if (actor.sizes[0], actor.sizes[-1]) != expected:
             wanted = f"from {expected[0]} features to {expected[1]} actions"
             raise ValueError(f"{problem.id}: expected an actor {wanted}, got layers of {actor.sizes}")
@@ -150,13 +152,19 @@ class LearnedPolicy(ModelPolicy):
     def at(self, dt: float) -> LearnedPolicy:
         """The same policy for environments with another control period ``dt``, seconds."""
         return LearnedPolicy(
-            self.problem, self.actor, period=self.period, dt=dt, algorithm=self.algorithm, details=self.details
+            self.problem,
+            self.actor,
+            period=self.period,
+            dt=dt,
+            algorithm=self.algorithm,
+            details=self.details,
+            encoding=self.encoding,
         )
 
     @checked
     def controls(self, observation: ArrayLike) -> Array:
         """Controls (B, nu) that the actor decides at an ``observation`` (B, nx + nc)."""
-        return self._actions.controls(self.actor(self._features(observation)))
+        return self.encoding.actions.controls(self.actor(self.encoding.features(observation)))
 
     def act(self, observations: NDArray[np.floating], state: Held | None, begins: Bools) -> tuple[Array, Held]:
         size = len(observations)
@@ -191,7 +199,7 @@ class LearnedPolicy(ModelPolicy):
             "period": self.period,
             "details": self.details,
         }
-        write_model(path, "rl", self.problem, tensors, description)
+        write_model(path, "rl", self.problem, {**tensors, **self.encoding.tensors}, description)
 
 
 def _whole_steps(problem: OptimalControlProblem, period: float, dt: float) -> int:
@@ -208,7 +216,8 @@ def read_policy(file: ModelFile, problem: OptimalControlProblem) -> LearnedPolic
     sizes, tensors = tuple(description["sizes"]), file.tensors
     weights, biases = (tuple(tensors[f"layers.{i}.{name}"] for i in range(len(sizes) - 1)) for name in _TENSORS)
     actor = Actor(weights, biases, description["activation"], description["squash"])
-    if actor.sizes != sizes or len(tensors) != len(weights) + len(biases):
+    encoding = Encoding.stored(problem, tensors)
+    if actor.sizes != sizes or len(tensors) != len(weights) + len(biases) + len(encoding.tensors):
         raise ValueError(f"expected layers of sizes {sizes}, got {actor.sizes} and the tensors {sorted(tensors)}")
     return LearnedPolicy(
         problem,
@@ -216,4 +225,5 @@ def read_policy(file: ModelFile, problem: OptimalControlProblem) -> LearnedPolic
         period=description["period"],
         algorithm=description["algorithm"],
         details=description["details"],
+        encoding=encoding,
     )

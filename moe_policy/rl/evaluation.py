@@ -14,13 +14,16 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from gymnasium.vector import VectorWrapper
 from numpy.typing import ArrayLike
 
 from moe_policy.control.stabiliser import Stabilised
 from moe_policy.rl.actor import LearnedPolicy
-from moe_policy.rollouts.environments import environments
+from moe_policy.rl.features import Float32
+from moe_policy.rollouts.environments import Environments, base_of, environments
 from moe_policy.rollouts.episodes import Episodes
 from moe_policy.rollouts.rollout import rollout
 from ocp_envs.envs.simulation import largest_cost_rate
@@ -83,14 +86,41 @@ class Performance:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Evaluation(Performance):
-    """The performance of an actor that has learnt from ``steps`` decisions, in ``seconds`` that include evaluations."""
+    """The performance of an actor that has learnt from ``steps`` decisions, in ``seconds`` that include evaluations.
+
+    ``closest`` is the closest approach: the median over the episodes of the smallest ‖x − goal‖ in them.
+    """
 
     steps: int
     seconds: float
+    closest: AnyFloat
 
     def better_than(self, other: Evaluation) -> bool:
         """Whether the score is lower than that of ``other``, or the return higher where the scores are equal."""
         return (self.score, -self.mean_return) < (other.score, -other.mean_return)
+
+
+class ClosestApproach(VectorWrapper[Float32, Array, Float32, Array, Array]):
+    """Vector ``envs`` that remember the smallest ‖x − goal‖ of each episode, ``closest`` (num_envs,)."""
+
+    def __init__(self, envs: Environments) -> None:
+        super().__init__(envs)
+        self._base, self.closest = base_of(envs), np.full(envs.num_envs, np.inf)
+
+    def _errors(self) -> Array:
+        return self._base.problem.goal_error(self._base.state, self._base.context)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Float32, dict[str, Any]]:
+        begun = self.env.reset(seed=seed, options=options)
+        self.closest = self._errors()
+        return begun
+
+    def step(self, actions: Array) -> tuple[Float32, Array, Array, Array, dict[str, Any]]:
+        taken = self.env.step(actions)
+        self.closest = np.minimum(self.closest, self._errors())
+        return taken
 
 
 class Evaluator:
@@ -108,7 +138,7 @@ class Evaluator:
                 wanted = f"one positive optimal cost for each of {len(self.development)} development parameters"
                 got = f"shape {self.optimal.shape}, the smallest {self.optimal.min(initial=np.inf):.3g}"
                 raise ValueError(f"{problem.id}: expected {wanted}, got {got}")
-        self._envs = environments(problem, len(self.development))
+        self._envs = ClosestApproach(environments(problem, len(self.development)))
         self._began = time.perf_counter()
 
     def __call__(self, policy: LearnedPolicy, steps: int) -> Evaluation:
@@ -116,7 +146,8 @@ class Evaluator:
         evaluated = Stabilised(policy, self.problem, policy.dt) if self.problem.hold else policy
         episodes = rollout(self._envs, evaluated, self.development)
         performance = Performance.of(self.problem, episodes, self.optimal)
-        return Evaluation(steps=steps, seconds=round(time.perf_counter() - self._began, 1), **vars(performance))
+        seconds, closest = round(time.perf_counter() - self._began, 1), float(np.median(self._envs.closest))
+        return Evaluation(steps=steps, seconds=seconds, closest=closest, **vars(performance))
 
     def close(self) -> None:
         """Close the environments."""

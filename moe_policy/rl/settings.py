@@ -8,17 +8,17 @@ companion sb3-contrib, imported when a learner is built.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
 import torch
 from torch import nn
 
 from moe_policy.rl.actor import Actor
-from moe_policy.rl.features import Actions
+from moe_policy.rl.encoding import Encoding
 from moe_policy.rl.wrappers import RewardShaping
+from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.doors import checked
 
 if TYPE_CHECKING:
@@ -29,44 +29,45 @@ if TYPE_CHECKING:
 
 @checked
 @dataclass(frozen=True, kw_only=True)
-class RLSettings(RewardShaping):
-    """What all learners have in common, including the shaping of their rewards.
+class LearnerSettings:
+    """What all learners have in common, whatever they learn from.
 
     Args:
         steps: decisions to learn from, all environments together.
         period: seconds between two decisions.
-        n_envs: environments that run in parallel.
         hidden: neurons of the hidden layers, of actor and critics alike.
         learning_rate: of Adam, falling linearly to ``final_learning_rate``.
         final_learning_rate: at the last step.
         batch_size: samples of one gradient step.
-        evaluate_every: steps between two evaluations on the development parameters.
-        near_starts: fraction of the training episodes with an initial state nearer to the goal than in the benchmark,
-            see :class:`~moe_policy.rl.wrappers.VectorNearStarts`.
+        near_goal: number of features near the goal for each coordinate, see :mod:`moe_policy.rl.features`.
+        stride: of actions round the goal, see :mod:`moe_policy.rl.actions`, one number or one for each direction; 0
+            for actions over the whole box.
         seed: of everything random in the training.
+
+    Raises:
+        ValueError: a value out of its range, named.
     """
 
     algorithm: ClassVar[str]
 
-    steps: int
+    steps: int = 1_000_000
     period: float = 0.1
-    n_envs: int = 8
     hidden: tuple[int, ...] = (64, 64)
     learning_rate: float = 1e-3
     final_learning_rate: float = 1e-4
     batch_size: int = 256
-    evaluate_every: int = 10_000
-    near_starts: float = 0.0
+    near_goal: int = 0
+    stride: float | tuple[float, ...] = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         object.__setattr__(self, "hidden", tuple(self.hidden))
-        for name in ("steps", "period", "n_envs", "learning_rate", "batch_size", "evaluate_every"):
+        for name in ("steps", "period", "learning_rate", "batch_size"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        if not 0 <= self.near_starts <= 1:
-            raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
+        for name in ("near_goal", "stride"):
+            if not np.all(np.array(getattr(self, name)) >= 0):
+                raise ValueError(f"{name} must be at least 0, got {getattr(self, name)}")
         if not 0 <= self.final_learning_rate <= self.learning_rate:
             wanted = f"between 0 and learning_rate = {self.learning_rate}"
             raise ValueError(f"final_learning_rate must be {wanted}, got {self.final_learning_rate}")
@@ -75,6 +76,46 @@ class RLSettings(RewardShaping):
         """Learning rate when the fraction ``remaining`` of the steps is left."""
         return self.final_learning_rate + remaining * (self.learning_rate - self.final_learning_rate)
 
+    def complete(self, steps: int) -> bool:
+        """Whether a training that has learnt from ``steps`` decisions is complete."""
+        return steps >= self.steps
+
+    def encoding(self, problem: OptimalControlProblem) -> Encoding:
+        """Features and actions of a learner of ``problem``."""
+        return Encoding.of(problem, self.near_goal, self.stride, self.period)
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class RLSettings(RewardShaping, LearnerSettings):
+    """What all reinforcement learners have in common, including the shaping of their rewards.
+
+    Args:
+        n_envs: environments that run in parallel.
+        evaluate_every: steps between two evaluations on the development parameters.
+        near_starts: fraction of the training episodes with an initial state nearer to the goal than in the benchmark,
+            see :class:`~moe_policy.rl.wrappers.VectorNearStarts`.
+        nearness: how close to the goal these initial states lie, 1 or more.
+        moving_starts: by how much of their scales the other coordinates deviate in these initial states.
+    """
+
+    n_envs: int = 8
+    evaluate_every: int = 10_000
+    near_starts: float = 0.0
+    nearness: float = 1.0
+    moving_starts: float = 0.0
+
+    def __post_init__(self) -> None:
+        RewardShaping.__post_init__(self)
+        LearnerSettings.__post_init__(self)
+        for name in ("n_envs", "evaluate_every", "nearness"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if not self.moving_starts >= 0:
+            raise ValueError(f"moving_starts must be at least 0, got {self.moving_starts}")
+        if not 0 <= self.near_starts <= 1:
+            raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
+
     def learner(self, env: SB3VecEnv) -> BaseAlgorithm:
         """An untrained learner of Stable-Baselines3 (TQC: of sb3-contrib, else an ``ImportError``) on ``env``."""
         raise NotImplementedError
@@ -82,6 +123,9 @@ class RLSettings(RewardShaping):
     def actor(self, learner: Any) -> Actor:
         """A copy of the actor of ``learner``, without its noise."""
         raise NotImplementedError
+
+    def after_step(self, learner: Any) -> None:
+        """Called after each step of the environments with the ``learner``; by default nothing follows."""
 
 
 @checked
@@ -213,19 +257,50 @@ class PPOSettings(RLSettings):
         problem = env.get_attr("problem")[0]
         bias: Any = learner.policy.action_net.bias
         with torch.no_grad():
-            bias += torch.from_numpy(Actions(problem).actions(problem.terminal.central_control)).float()
+            bias += torch.from_numpy(self.encoding(problem).actions.actions(problem.terminal.central_control)).float()
         return learner
 
     def actor(self, learner: Any) -> Actor:
+        return Actor.of_layers(self._layers(learner), "tanh", "clip")
+
+    @staticmethod
+    def _layers(learner: Any) -> list[nn.Linear]:
         policy = learner.policy
-        return Actor.of_layers([*_linear(policy.mlp_extractor.policy_net), policy.action_net], "tanh", "clip")
+        return [*_linear(policy.mlp_extractor.policy_net), policy.action_net]
+
+    def begin_with(self, learner: Any, actor: Actor) -> None:
+        """Give the ``learner`` the weights of ``actor``, which has the layers of these settings."""
+        layers = self._layers(learner)
+        sizes = (layers[0].in_features, *(layer.out_features for layer in layers))
+        if (actor.sizes, actor.activation, actor.squash) != (sizes, "tanh", "clip"):
+            got = f"{actor.sizes}, {actor.activation} and {actor.squash}"
+            raise ValueError(f"expected an actor of layers {sizes} with tanh, clipped, to begin with; got {got}")
+        with torch.no_grad():
+            for layer, weight, bias in zip(layers, actor.weights, actor.biases):
+                layer.weight.copy_(torch.from_numpy(np.array(weight)))
+                layer.bias.copy_(torch.from_numpy(np.array(bias)))
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class ClonedPPOSettings(PPOSettings):
+    """Proximal policy optimisation that begins with the actor that behaviour cloning has learnt.
+
+    Args:
+        critic_steps: decisions during which the critic alone learns, since that of the cloned actor is not known.
+    """
+
+    algorithm: ClassVar[str] = "ppo-bc"
+
+    critic_steps: int = 0
+
+    def after_step(self, learner: Any) -> None:
+        policy, learns = learner.policy, learner.num_timesteps >= self.critic_steps
+        if policy.log_std.requires_grad != learns:
+            policy.log_std.requires_grad_(learns)
+            for layer in self._layers(learner):
+                layer.requires_grad_(learns)
 
 
 def _linear(network: nn.Sequential) -> list[nn.Linear]:
     return [layer for layer in network if isinstance(layer, nn.Linear)]
-
-
-#: The settings of every algorithm.
-ALGORITHMS: Mapping[str, type[SACSettings] | type[PPOSettings]] = MappingProxyType(
-    {settings.algorithm: settings for settings in (SACSettings, PPOSettings, TQCSettings)}
-)

@@ -1,6 +1,6 @@
 """Training of the reinforcement learning baselines: learners of Stable-Baselines3 on the environments of ``ocp_envs``.
 
-The learner observes features and acts in [-1, 1] (:mod:`moe_policy.rl.features`), at its own control period, in
+The learner observes features and acts in [-1, 1] (:mod:`moe_policy.rl.encoding`), at its own control period, in
 episodes that end in the goal ball. The reward is −∫L dt of a step, so the undiscounted return is the cost that the
 planners minimise. The actor is evaluated at regular intervals (:mod:`moe_policy.rl.evaluation`) and the best one is
 kept.
@@ -18,13 +18,14 @@ from numpy.typing import ArrayLike
 
 from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.rl.evaluation import Evaluation, Evaluator
-from moe_policy.rl.settings import RLSettings
+from moe_policy.rl.settings import LearnerSettings, PPOSettings, RLSettings
 from moe_policy.rl.wrappers import (
     Environments,
     VectorFeatureObservation,
     VectorNearStarts,
     VectorNormalisedAction,
     VectorShapedReward,
+    with_moving_starts,
 )
 from moe_policy.rollouts.environments import environments
 from ocp_envs.problem import OptimalControlProblem
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 class TrainingRun:
     """A training with ``settings`` up to an evaluation: the ``best`` in the ``curve`` of them, and its ``policy``."""
 
-    settings: RLSettings
+    settings: LearnerSettings
     policy: LearnedPolicy
     best: Evaluation
     curve: tuple[Evaluation, ...] = ()
@@ -55,10 +56,15 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings) -> SB3Vec
     except ImportError as error:
         raise ImportError(f"training needs Stable-Baselines3: pip install 'ocp-moe[rl]' ({error})") from error
 
-    envs: Environments = environments(problem, settings.n_envs, settings.period, terminate_at_goal=True)
+    begun = with_moving_starts(problem) if settings.moving_starts else problem
+    envs: Environments = environments(begun, settings.n_envs, settings.period, terminate_at_goal=True)
     if settings.near_starts:
-        envs = VectorNearStarts(envs, settings.near_starts, settings.seed)
-    return SB3VecEnv(VectorNormalisedAction(VectorFeatureObservation(VectorShapedReward(envs, settings))))
+        envs = VectorNearStarts(
+            envs, settings.near_starts, settings.seed, settings.moving_starts, problem, settings.nearness
+        )
+    encoding = settings.encoding(problem)
+    seen = VectorFeatureObservation(VectorShapedReward(envs, settings), encoding.features)
+    return SB3VecEnv(VectorNormalisedAction(seen, encoding.actions))
 
 
 @dataclass(eq=False)
@@ -79,6 +85,7 @@ class _Progress:
 
     def after_step(self, local: dict[str, object], world: dict[str, object]) -> bool:
         """Callback of Stable-Baselines3: evaluate where ``evaluate_every`` steps are complete, and continue."""
+        self.settings.after_step(self.learner)
         every = self.settings.evaluate_every
         if self.learner.num_timesteps // every > self.evaluated // every:
             self.evaluate()
@@ -94,6 +101,7 @@ class _Progress:
             period=settings.period,
             algorithm=settings.algorithm,
             details=details,
+            encoding=settings.encoding(self.evaluator.problem),
         )
         evaluation, run = self.evaluator(policy, steps), self.run
         if run is None:
@@ -121,6 +129,7 @@ def train(
     optimal_costs: ArrayLike | None = None,
     on_evaluation: Callable[[TrainingRun], None] | None = None,
     details: Mapping[str, object] | None = None,
+    begin: LearnedPolicy | None = None,
 ) -> TrainingRun:
     """Train a policy and keep the best by development score.
 
@@ -131,16 +140,24 @@ def train(
         optimal_costs: the best known cost from each of them, (B,), for cost ratios; they do not affect the choice.
         on_evaluation: called with the run so far after each evaluation, to report and to save.
         details: kept with the policy, as JSON.
+        begin: a policy whose actor PPO begins with, such as a cloned one, of the same layers and encoding.
 
     Raises:
         ImportError: Stable-Baselines3 is not installed.
-        ValueError: parameters outside their box, or optimal costs that are not B positive numbers.
+        TypeError: a policy to begin with, for another learner than PPO.
+        ValueError: a policy to begin with that does not fit, parameters outside their box, or optimal costs that are
+            not B positive numbers.
     """
     problem = problem_of(problem)
     evaluator = Evaluator(problem, development, optimal_costs)
     env = training_env(problem, settings)
-    progress = _Progress(settings.learner(env), settings, evaluator, details or {}, on_evaluation)
-    progress.learner.learn(settings.steps, callback=progress.after_step)
+    learner = settings.learner(env)
+    if begin is not None:
+        if not isinstance(settings, PPOSettings):
+            raise TypeError(f"begin: expected settings of PPO with it, got {type(settings).__name__}")
+        settings.begin_with(learner, begin.actor)
+    progress = _Progress(learner, settings, evaluator, details or {}, on_evaluation)
+    learner.learn(settings.steps, callback=progress.after_step)
     run = progress.complete()
     env.close()
     evaluator.close()

@@ -1,13 +1,13 @@
 """Wrappers around the environments of :mod:`ocp_envs` for training.
 
-Features and actions come from :mod:`moe_policy.rl.features`, once for a single and once for a vector environment.
+Features and actions come from :mod:`moe_policy.rl.encoding`, once for a single and once for a vector environment.
 :class:`VectorShapedReward` and :class:`VectorNearStarts` change the learner's reward and the initial
 states of its episodes; policies are run without them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium as gym
@@ -15,11 +15,14 @@ import numpy as np
 from gymnasium.vector import VectorActionWrapper, VectorObservationWrapper, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from moe_policy.rl.features import Actions, Features, Float32
+from moe_policy.rl.actions import Actions
+from moe_policy.rl.features import Features, Float32
 from moe_policy.rollouts.environments import Environments, base_of
+from ocp_envs.distribution import UNIFORM
 from ocp_envs.envs.env import Env
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
+from ocp_envs.system import Box
 
 #: An environment of :mod:`ocp_envs`, wrapped or not.
 Environment = gym.Env[Float32, Array]
@@ -35,11 +38,11 @@ def _problem_of(env: Environment) -> OptimalControlProblem:
 
 
 class FeatureObservation(gym.ObservationWrapper[Float32, Array, Float32]):
-    """``env`` of :mod:`ocp_envs`, wrapped or not, observed through :class:`~moe_policy.rl.features.Features`."""
+    """``env`` of :mod:`ocp_envs`, wrapped or not, observed through ``features``, by default those without widths."""
 
-    def __init__(self, env: Environment) -> None:
+    def __init__(self, env: Environment, features: Features | None = None) -> None:
         super().__init__(env)
-        self._features = Features(_problem_of(env))
+        self._features = Features(_problem_of(env)) if features is None else features
         self.observation_space = self._features.space
 
     def observation(self, observation: Float32) -> Float32:
@@ -47,11 +50,11 @@ class FeatureObservation(gym.ObservationWrapper[Float32, Array, Float32]):
 
 
 class NormalisedAction(gym.ActionWrapper[Float32, Float32, Array]):
-    """``env`` of :mod:`ocp_envs`, wrapped or not, with :class:`~moe_policy.rl.features.Actions` in [-1, 1]."""
+    """``env`` of :mod:`ocp_envs`, wrapped or not, with ``actions`` in [-1, 1], by default over the whole box."""
 
-    def __init__(self, env: Environment) -> None:
+    def __init__(self, env: Environment, actions: Actions | None = None) -> None:
         super().__init__(env)
-        self._actions = Actions(_problem_of(env))
+        self._actions = Actions(_problem_of(env)) if actions is None else actions
         self.action_space = self._actions.space
 
     def action(self, action: Float32) -> Array:
@@ -61,9 +64,9 @@ class NormalisedAction(gym.ActionWrapper[Float32, Float32, Array]):
 class VectorFeatureObservation(VectorObservationWrapper[Float32, Array, Float32, Array]):
     """:class:`FeatureObservation` for a vector ``env``, in Gymnasium's modes NEXT_STEP and DISABLED."""
 
-    def __init__(self, env: Environments) -> None:
+    def __init__(self, env: Environments, features: Features | None = None) -> None:
         super().__init__(env)
-        self._features = Features(base_of(env).problem)
+        self._features = Features(base_of(env).problem) if features is None else features
         self.single_observation_space = self._features.space
         self.observation_space = batch_space(self._features.space, env.num_envs)
 
@@ -74,9 +77,9 @@ class VectorFeatureObservation(VectorObservationWrapper[Float32, Array, Float32,
 class VectorNormalisedAction(VectorActionWrapper[Float32, Float32, Array, Array]):
     """:class:`NormalisedAction` for a vector ``env``."""
 
-    def __init__(self, env: Environments) -> None:
+    def __init__(self, env: Environments, actions: Actions | None = None) -> None:
         super().__init__(env)
-        self._actions = Actions(base_of(env).problem)
+        self._actions = Actions(base_of(env).problem) if actions is None else actions
         self.single_action_space = self._actions.space
         self.action_space = batch_space(self._actions.space, env.num_envs)
 
@@ -88,15 +91,17 @@ class VectorNormalisedAction(VectorActionWrapper[Float32, Float32, Array, Array]
 class RewardShaping:
     """How the rewards of a learner differ from those of the environment.
 
-    With e the goal error, e' and v that error and the violation of the path constraints after the step,
+    With e the goal error, e' and v that error and the violation of the path constraints after the step, and a = 1 where
+    it ends in the goal ball, else 0,
 
-        r' = k (max(r, −h) + γ Φ(x') − Φ(x) − d·e'·dt − c·v·dt),   Φ(x) = −w · e(x),   Φ = 0 after termination.
+        r' = k (max(r, −h) + γ Φ(x') − Φ(x) − d·e'^q·dt − c·v·dt + b·a),   Φ(x) = −w · e(x),   Φ = 0 after termination.
 
     The potential Φ does not change the ranking of policies (Ng, Harada & Russell, *Policy invariance under reward
     transformations*, 1999). Leaving the operating box costs more than any episode; where that is hundreds of times the
     cost of an episode nothing else is learnt, so h bounds it. The cost does not include path constraints: c prices
     them. Where the goal ball is too small to be entered by chance, d rewards approaching it; the learner then minimises
     another cost than the problem's.
+    Where entering the ball ends a small cost only, b makes it worthwhile.
 
     Args:
         reward_scale: k > 0.
@@ -104,7 +109,9 @@ class RewardShaping:
         gamma: the learner's discount γ of one step, in (0, 1].
         violation_price: c ≥ 0, cost per second and unit of violation; ineffective without path constraints.
         largest_cost: h > 0, the maximum cost of one step to the learner; ``None`` for no bound.
-        distance_price: d ≥ 0, cost per second and unit of goal error.
+        distance_price: d ≥ 0, cost per second at a goal error of 1.
+        distance_power: q > 0, by which the price grows with the goal error; below 1 it is steeper near the goal.
+        arrival_bonus: b ≥ 0, reward for entering the goal ball.
 
     Raises:
         ValueError: a value out of its range, named.
@@ -116,11 +123,14 @@ class RewardShaping:
     violation_price: float = 0.0
     largest_cost: float | None = None
     distance_price: float = 0.0
+    distance_power: float = 1.0
+    arrival_bonus: float = 0.0
 
     def __post_init__(self) -> None:
-        if not self.reward_scale > 0:
-            raise ValueError(f"reward_scale must be positive, got {self.reward_scale}")
-        for name in ("shaping", "violation_price", "distance_price"):
+        for name in ("reward_scale", "distance_power"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        for name in ("shaping", "violation_price", "distance_price", "arrival_bonus"):
             if not getattr(self, name) >= 0:
                 raise ValueError(f"{name} must be at least 0, got {getattr(self, name)}")
         if self.largest_cost is not None and not self.largest_cost > 0:
@@ -155,26 +165,56 @@ class VectorShapedReward(VectorWrapper[Float32, Array, Float32, Array, Array]):
         shaping, dt, before = self._shaping, self._base.dt, self._potential
         error = np.where(terminated, 0.0, self._error())
         self._potential = -shaping.shaping * error
-        gain = shaping.gamma * self._potential - before - shaping.distance_price * dt * error
+        gain = shaping.gamma * self._potential - before - shaping.distance_price * dt * error**shaping.distance_power
         if self._priced:
             gain = gain - shaping.violation_price * dt * info["violation"]
+        if shaping.arrival_bonus:
+            gain = gain + shaping.arrival_bonus * np.logical_and(terminated, ~self._base.left_box)
         shaped = shaping.reward_scale * (np.maximum(rewards, self._bound) + gain)
         return observations, shaped, terminated, truncated, info
 
 
+def with_moving_starts(problem: OptimalControlProblem) -> OptimalControlProblem:
+    """``problem`` with a parameter for every state coordinate, so that episodes can begin in any state."""
+    own = problem.parameters.coordinates
+    added = tuple(c for c in problem.system.state.coordinates if c.name not in problem.parameters.names)
+    return replace(problem, parameters=Box((*own, *added)), distribution=UNIFORM) if added else problem
+
+
 class VectorNearStarts(VectorWrapper[Float32, Array, Float32, Array, Array]):
-    """Some episodes start nearer to the goal: at g + f (p − g) instead of p, with f uniform in [0, 1].
+    """Some episodes start nearer to the goal: at g + f (x_0 − g) instead of x_0, with f = U^n, U uniform in [0, 1].
 
     A curriculum without a schedule: short episodes teach what the long ones end with (compare Florensa et al., *Reverse
-    curriculum generation for reinforcement learning*, 2017). The context stays as it is, and where the nearer initial
-    state would violate the path constraints the episode starts at p. Only resets without ``parameters`` are changed.
+    curriculum generation for reinforcement learning*, 2017). Where ``moving`` is positive these episodes begin in
+    motion: coordinates that the parameters of ``problem`` do not name deviate from g + f (x_0 − g) by normal numbers
+    of the standard deviation f · ``moving`` · scale. The context stays as it is, and where the nearer initial state
+    would violate the path constraints the episode starts at x_0. Only resets without ``parameters`` are changed.
 
-    ``env`` is a vector environment, ``fraction`` the probability of such an initial state, ``seed`` that of the draws.
+    Args:
+        env: a vector environment of ``problem``; of :func:`with_moving_starts` where ``moving`` is positive.
+        fraction: the probability of such an initial state.
+        seed: that of the draws.
+        moving: the standard deviation in units of the scales, 0 for episodes that begin as those of the problem do.
+        problem: whose parameters are drawn; by default that of ``env``.
+        nearness: n, the power of f; above 1 there are more episodes close to the goal.
     """
 
-    def __init__(self, env: Environments, fraction: float, seed: int) -> None:
+    def __init__(
+        self,
+        env: Environments,
+        fraction: float,
+        seed: int,
+        moving: float = 0.0,
+        problem: OptimalControlProblem | None = None,
+        nearness: float = 1.0,
+    ) -> None:
         super().__init__(env)
+        self._nearness = nearness
         self._base, self._fraction, self._rng = base_of(env), fraction, np.random.default_rng(seed)
+        self._problem = self._base.problem if problem is None else problem
+        names = self._problem.parameters.names
+        still = np.array([name not in names for name in self._problem.system.state.names])
+        self._deviation = np.where(still, moving * self._problem.system.state.scale, 0.0)
 
     def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Float32, Info]:
         options = dict(options or {})
@@ -183,15 +223,21 @@ class VectorNearStarts(VectorWrapper[Float32, Array, Float32, Array, Array]):
         return self.env.reset(seed=seed, options=options)
 
     def _draw(self) -> Array:
-        """Parameters of one episode for each environment, (num_envs, np)."""
-        problem, count, box = self._base.problem, self.num_envs, self._base.problem.parameters
-        p = self._base.options.draw_parameters([self._rng] * count)
-        _, contexts = problem.start(p)
-        resting = problem.parameters_of(problem.terminal.states(contexts), contexts)
-        goal = np.clip(resting, box.lower, box.upper)
-        factor = np.where(self._rng.random(count) < self._fraction, self._rng.random(count), 1.0)
-        nearer = goal + factor[:, None] * (p - goal)
+        """Parameters of the environment for one episode of each row, (num_envs, np)."""
+        problem, base, count = self._problem, self._base.problem, self.num_envs
+        p = problem.distribution.draw(problem, [self._rng] * count)
+        states, contexts = problem.start(p)
+        p, box = base.parameters_of(states, contexts), base.parameters
+        goal = np.clip(base.parameters_of(problem.terminal.states(contexts), contexts), box.lower, box.upper)
+        factor = np.where(self._rng.random(count) < self._fraction, self._rng.random(count) ** self._nearness, 1.0)[
+            :, None
+        ]
+        nearer = goal + factor * (p - goal)
+        if self._deviation.any():
+            deviations = np.where(factor < 1, factor, 0.0) * self._deviation * self._rng.standard_normal(states.shape)
+            nearer += base.parameters_of(deviations, np.zeros_like(contexts))
+            nearer = np.clip(nearer, box.lower, box.upper)
         if problem.n_clearances:
-            (clearances,) = problem.functions.clearances()(*problem.start(nearer))
+            (clearances,) = problem.functions.clearances()(*base.start(nearer))
             nearer = np.where(clearances.min(axis=1, keepdims=True) >= 0, nearer, p)
         return nearer

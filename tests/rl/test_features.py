@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ocp_envs
-from moe_policy.rl.features import Actions, Features
+from moe_policy.rl.actions import Actions
+from moe_policy.rl.features import Features
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 

@@ -14,6 +14,7 @@ from moe_policy.rl.wrappers import (
     RewardShaping,
     VectorNearStarts,
     VectorShapedReward,
+    with_moving_starts,
 )
 from moe_policy.rollouts.environments import environments
 from ocp_envs.problems.pendulum import PENDULUM
@@ -136,6 +137,29 @@ def test_near_starts_round_a_sphere_keep_the_sphere_and_stay_outside_of_it():
     assert all(tuple(row) in spheres for row in p[:, 3:])
     starts = {tuple(row) for row in table[:, :3]}
     assert 100 < sum(tuple(row) not in starts for row in p[:, :3]) <= 200
+
+
+def test_near_starts_can_be_in_motion_and_the_others_are_those_of_the_problem():
+    moving = with_moving_starts(QUADCOPTER_OBSTACLE)
+    envs = environments(moving, 300, terminate_at_goal=True)
+    near = VectorNearStarts(envs, 0.5, 0, moving=0.3, problem=QUADCOPTER_OBSTACLE, nearness=2.0)
+    near.reset()
+    states, own = envs.state, {tuple(row) for row in ocp_envs.tables.starts(QUADCOPTER_OBSTACLE)[:, :3]}
+    at_rest = (states[:, 3:] == 0).all(axis=1)
+    assert 150 < at_rest.sum() < 250  # some of the nearer ones would begin in the sphere
+    assert all(tuple(row) in own for row in states[at_rest, :3])
+    assert 0.02 < np.std(states[~at_rest, 3:6]) / 5 < 0.3
+
+
+def test_arriving_has_its_bonus():
+    rewards = []
+    for bonus in (0.0, 7.0):
+        envs = environments(PENDULUM, 2, terminate_at_goal=True)
+        shaped = VectorShapedReward(envs, RewardShaping(reward_scale=0.5, arrival_bonus=bonus))
+        shaped.reset(options={"parameters": np.array([[np.pi - 0.05, 0.0], [1.0, 0.0]]), "extrapolate": True})
+        rewards.append(shaped.step(np.zeros((2, 1)))[1])
+    np.testing.assert_allclose(rewards[1] - rewards[0], [3.5 * envs.unwrapped._terminated[0], 0.0])
+    assert envs.unwrapped._terminated[0]
 
 
 def test_violations_are_charged_at_their_price():

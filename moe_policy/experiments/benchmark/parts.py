@@ -10,7 +10,7 @@ from moe_policy.experiments.perturbations import SENSING, Perturbation
 from moe_policy.learning.architectures import Hidden
 from moe_policy.learning.settings import DEFAULT, TrainingSettings
 from moe_policy.planners.margin import Margin
-from moe_policy.rl.settings import RLSettings
+from moe_policy.rl.settings import LearnerSettings, RLSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ class Training:
 class Learners:
     """The reinforcement learners of a problem."""
 
-    settings: Mapping[str, RLSettings] = field(default_factory=dict)  # by algorithm, as shipped and compared
+    settings: Mapping[str, LearnerSettings] = field(default_factory=dict)  # by algorithm, as shipped and compared
     #: by algorithm, for a comparison that is made from nothing within minutes
     short: Mapping[str, RLSettings] = field(default_factory=dict)
     #: what was not tried, or not as far as possible, and why

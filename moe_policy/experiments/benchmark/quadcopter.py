@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from moe_policy.experiments.benchmark import published
 from moe_policy.experiments.benchmark.parts import (
@@ -19,7 +20,8 @@ from moe_policy.experiments.benchmark.parts import (
 from moe_policy.experiments.perturbations import SENSING, disturbance, mismatch
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.margin import Margin
-from moe_policy.rl.settings import PPOSettings
+from moe_policy.rl.cloning import CloningSettings
+from moe_policy.rl.settings import ClonedPPOSettings, PPOSettings
 
 #: The exploration noise that parks a vehicle overturns a quadcopter, and with any noise it never enters the goal ball
 #: in twelve states. The learner pays for its distance and learns to hover near the goal, where regulation takes over.
@@ -39,6 +41,32 @@ _PPO = PPOSettings(
     distance_price=100.0,
     near_starts=0.7,
     evaluate_every=500_000,
+)
+#: Roll, pitch and yaw change by 1.5, 1.5 and 0.15 rad/s in a period; thrust has the whole range round hovering.
+_ENCODING: dict[str, Any] = {"near_goal": 2, "stride": (0.75, 0.75, 0.075, 1.0), "period": 0.04, "hidden": (64, 64)}
+#: Without a disturbance the clone sees no state from which it has to come back, and reaches none of the goals.
+_BC = CloningSettings(**_ENCODING, epochs=40, disturbance=0.1)
+#: The critic learns first, and steps are small: a clone is brittle, and with an unknown critic PPO destroys it.
+_PPO_BC = ClonedPPOSettings(
+    **_ENCODING,
+    steps=2_000_000,
+    critic_steps=600_000,
+    gamma=0.98,
+    gae_lambda=0.97,
+    n_envs=512,
+    n_steps=32,
+    n_epochs=6,
+    batch_size=2048,
+    clip_range=0.1,
+    learning_rate=3e-4,
+    log_std=-2.5,
+    reward_scale=0.01,
+    largest_cost=1000.0,
+    distance_price=20.0,
+    arrival_bonus=20.0,
+    near_starts=0.5,
+    moving_starts=0.3,
+    evaluate_every=200_000,
 )
 _UNATTEMPTED = {
     "sac over seeds": "one trial of 300,000 decisions with what works on the vehicle "
@@ -67,7 +95,7 @@ BENCHMARK = Benchmark(
         instances=2_000,
         settings=TrainingSettings(epochs=400, learning_rate=5e-3, batch=32),
     ),
-    learners=Learners(settings={"ppo": _PPO}, unattempted=_UNATTEMPTED),
+    learners=Learners(settings={"ppo": _PPO, "bc": _BC, "ppo-bc": _PPO_BC}, unattempted=_UNATTEMPTED),
     overview=Overview(learner="ppo", kmeans="moe-kmeans-4"),
     published=published.QUADCOPTER,
     perturbations=_PERTURBATIONS,
@@ -98,7 +126,14 @@ WITH_OBSTACLE = Benchmark(
         sized=("snn", "moe-custom"),
         fewer_seeds=1,
     ),
-    learners=Learners(settings={"ppo": replace(_PPO, violation_price=500.0)}, unattempted=_UNATTEMPTED),
+    learners=Learners(
+        settings={
+            "ppo": replace(_PPO, violation_price=500.0),
+            "bc": _BC,
+            "ppo-bc": replace(_PPO_BC, violation_price=2000.0, steps=4_000_000, near_starts=0.3),
+        },
+        unattempted=_UNATTEMPTED,
+    ),
     overview=Overview(learner="ppo", kmeans="moe-kmeans-8"),
     published=published.QUADCOPTER_OBSTACLE,
     perturbations=_PERTURBATIONS,
