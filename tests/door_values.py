@@ -94,7 +94,9 @@ def policy() -> moe_policy.TrackingPolicy:
 @cache
 def evaluation() -> moe_policy.Evaluation:
     values = dict.fromkeys(("success", "reached", "steps"), 1)
-    numbers = dict.fromkeys(("cost", "score", "cost_ratio", "mean_return", "violation", "final_error", "seconds"), 1.0)
+    numbers = dict.fromkeys(
+        ("cost", "score", "cost_ratio", "mean_return", "violation", "final_error", "seconds", "closest"), 1.0
+    )
     return moe_policy.Evaluation(**values, **numbers)
 
 

@@ -32,6 +32,11 @@ GIVEN = {
         "actor is chosen on the development set; the episodes of these evaluations do not count as steps, but their "
         "time is included in the wall time."
     ),
+    "clones": (
+        "Behaviour cloning (`bc`): decisions of the tracked optimum, from stored optimal trajectories that are flown "
+        "under a disturbance; its steps are these decisions. Learners that begin with a clone (`ppo-bc`) are given it "
+        "besides what learners are given; its decisions and its time are not counted in theirs."
+    ),
     "steps": (
         "An environment step of a learner is one simulated state. The budget of a planner is given twice: solves × "
         "knots, the states of the solutions, and iterations of the solver × knots, the states simulated on the way to "
@@ -160,4 +165,5 @@ BUDGET_COLUMNS: tuple[Column[BudgetRow], ...] = (
     Column("cost / optimal", lambda row: row.development.cost_ratio, ".3f"),
     Column("mean return", lambda row: row.development.mean_return, ".2f"),
     Column("mean violation, m", lambda row: row.development.violation, ".3f"),
+    Column("closest approach", lambda row: row.development.closest, ".2g"),
 )

@@ -33,6 +33,7 @@ class Curve(Record):
     cost_ratio: tuple[float | None, ...]  # Σ cost / Σ optimal cost over the successes
     mean_return: tuple[float | None, ...]  # mean undiscounted return
     violation: tuple[float | None, ...]  # mean of the maximum violation of the path constraints
+    closest: tuple[float | None, ...] | Absent = ABSENT  # closest approach: median smallest ‖x − goal‖ of an episode
 
     @classmethod
     def of(cls, run: LearnerRun) -> Self:
@@ -45,6 +46,7 @@ class Curve(Record):
             cost_ratio=tuple(present(point.cost_ratio) for point in run.curve),
             mean_return=tuple(present(point.mean_return) for point in run.curve),
             violation=tuple(present(point.violation) for point in run.curve),
+            closest=tuple(present(point.closest) for point in run.curve),
         )
 
     def relative(self, optimum: float) -> Self:
@@ -64,6 +66,7 @@ class DevelopmentMetrics(Record):
     mean_return: float | None  # mean undiscounted return as the environment charges it
     violation: float | None  # mean of the maximum violation of the path constraints, metres; ``None`` without any
     final_error: float | Absent = ABSENT  # median of ‖x − goal‖ at the evaluation time
+    closest: float | Absent | None = ABSENT  # closest approach: median smallest ‖x − goal‖ of an episode
 
     @classmethod
     def of(
@@ -87,6 +90,7 @@ class DevelopmentMetrics(Record):
             cost_ratio=curve.cost_ratio[-1],
             mean_return=curve.mean_return[-1],
             violation=curve.violation[-1],
+            closest=None if isinstance(curve.closest, Absent) else curve.closest[-1],
         )
 
     def relative(self, optimum: float) -> Self:

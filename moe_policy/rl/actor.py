@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from moe_policy.control.policy import ModelPolicy
 from moe_policy.model_files import ModelFile, write_model
 from moe_policy.planners.networks import Floats, checked_layers, forward
-from moe_policy.rl.encoding import Encoding
+from moe_policy.rl.encoding import Encoding, actions_of, features_of, stored_encoding
 from ocp_envs.control_step import checked_dt
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of
@@ -112,7 +112,7 @@ class LearnedPolicy(ModelPolicy):
         dt: control period of the environment, seconds.
         algorithm: the learner that trained the actor, such as ``"sac"``.
         details: how it was trained, as JSON.
-        encoding: features and actions of the actor; by default the plain ones.
+        encoding: what distinguishes its features and actions from the plain ones; by default nothing.
 
     Raises:
         ValueError: an actor of other sizes than the problem's, or a period that is no multiple of ``dt``.
@@ -133,8 +133,9 @@ class LearnedPolicy(ModelPolicy):
         encoding: Encoding | None = None,
     ) -> None:
         problem = problem_of(problem)
-        self.encoding = Encoding.plain(problem) if encoding is None else encoding
-        expected = (self.encoding.features.size, problem.system.nu)
+        self.encoding = Encoding() if encoding is None else encoding
+        self._features, self._actions = features_of(problem, self.encoding), actions_of(problem, self.encoding)
+        expected = (self._features.size, problem.system.nu)
         if (actor.sizes[0], actor.sizes[-1]) != expected:
             wanted = f"from {expected[0]} features to {expected[1]} actions"
             raise ValueError(f"{problem.id}: expected an actor {wanted}, got layers of {actor.sizes}")
@@ -164,7 +165,7 @@ class LearnedPolicy(ModelPolicy):
     @checked
     def controls(self, observation: ArrayLike) -> Array:
         """Controls (B, nu) that the actor decides at an ``observation`` (B, nx + nc)."""
-        return self.encoding.actions.controls(self.actor(self.encoding.features(observation)))
+        return self._actions.controls(self.actor(self._features(observation)))
 
     def act(self, observations: NDArray[np.floating], state: Held | None, begins: Bools) -> tuple[Array, Held]:
         size = len(observations)
@@ -216,7 +217,7 @@ def read_policy(file: ModelFile, problem: OptimalControlProblem) -> LearnedPolic
     sizes, tensors = tuple(description["sizes"]), file.tensors
     weights, biases = (tuple(tensors[f"layers.{i}.{name}"] for i in range(len(sizes) - 1)) for name in _TENSORS)
     actor = Actor(weights, biases, description["activation"], description["squash"])
-    encoding = Encoding.stored(problem, tensors)
+    encoding = stored_encoding(tensors)
     if actor.sizes != sizes or len(tensors) != len(weights) + len(biases) + len(encoding.tensors):
         raise ValueError(f"expected layers of sizes {sizes}, got {actor.sizes} and the tensors {sorted(tensors)}")
     return LearnedPolicy(

@@ -21,6 +21,7 @@ from torch import nn
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.rl.actor import Actor, LearnedPolicy
+from moe_policy.rl.encoding import actions_of, features_of
 from moe_policy.rl.evaluation import Evaluator
 from moe_policy.rl.features import Float32
 from moe_policy.rl.settings import LearnerSettings
@@ -37,6 +38,9 @@ from ocp_envs.support.doors import checked
 @dataclass(frozen=True, kw_only=True)
 class CloningSettings(LearnerSettings):
     """Behaviour cloning of the tracked optimum; ``steps`` is the largest number of decisions that are imitated.
+
+    Of the common settings, ``period``, ``hidden``, ``batch_size`` and ``final_learning_rate`` have defaults of their
+    own.
 
     Args:
         epochs: passes over the decisions.
@@ -91,7 +95,7 @@ def demonstrations(problem: OptimalControlProblem, settings: CloningSettings, st
 
 
 def fitted(features: Float32, actions: Float32, settings: CloningSettings) -> Actor:
-    """The actor that imitates ``actions`` (n, nu) at ``features`` (n, m)."""
+    """The actor that imitates ``actions`` (n, nu) at ``features`` (n, m), trained with ``settings``."""
     torch.manual_seed(settings.seed)
     sizes = (features.shape[1], *settings.hidden, actions.shape[1])
     layers = [nn.Linear(inputs, outputs) for inputs, outputs in pairwise(sizes)]
@@ -136,8 +140,8 @@ def clone(
     problem = problem_of(problem)
     evaluator, encoding = Evaluator(problem, development, optimal_costs), settings.encoding(problem)
     shown = demonstrations(problem, settings, stored)
-    actions = np.clip(encoding.actions.actions(shown.controls), -1, 1).astype(np.float32)
-    actor, steps = fitted(encoding.features(shown.observations), actions, settings), len(actions)
+    actions = np.clip(actions_of(problem, encoding).actions(shown.controls), -1, 1).astype(np.float32)
+    actor, steps = fitted(features_of(problem, encoding)(shown.observations), actions, settings), len(actions)
     policy = LearnedPolicy(
         problem,
         actor,

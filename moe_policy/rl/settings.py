@@ -16,7 +16,7 @@ import torch
 from torch import nn
 
 from moe_policy.rl.actor import Actor
-from moe_policy.rl.encoding import Encoding
+from moe_policy.rl.encoding import Encoding, actions_of, encoding_of
 from moe_policy.rl.wrappers import RewardShaping
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.doors import checked
@@ -81,8 +81,8 @@ class LearnerSettings:
         return steps >= self.steps
 
     def encoding(self, problem: OptimalControlProblem) -> Encoding:
-        """Features and actions of a learner of ``problem``."""
-        return Encoding.of(problem, self.near_goal, self.stride, self.period)
+        """The encoding of features and actions of a learner of ``problem``."""
+        return encoding_of(problem, self.near_goal, self.stride, self.period)
 
 
 @checked
@@ -257,7 +257,9 @@ class PPOSettings(RLSettings):
         problem = env.get_attr("problem")[0]
         bias: Any = learner.policy.action_net.bias
         with torch.no_grad():
-            bias += torch.from_numpy(self.encoding(problem).actions.actions(problem.terminal.central_control)).float()
+            bias += torch.from_numpy(
+                actions_of(problem, self.encoding(problem)).actions(problem.terminal.central_control)
+            ).float()
         return learner
 
     def actor(self, learner: Any) -> Actor:

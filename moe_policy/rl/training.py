@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from moe_policy.rl.actor import LearnedPolicy
+from moe_policy.rl.encoding import actions_of, features_of
 from moe_policy.rl.evaluation import Evaluation, Evaluator
 from moe_policy.rl.settings import LearnerSettings, PPOSettings, RLSettings
 from moe_policy.rl.wrappers import (
@@ -63,8 +64,8 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings) -> SB3Vec
             envs, settings.near_starts, settings.seed, settings.moving_starts, problem, settings.nearness
         )
     encoding = settings.encoding(problem)
-    seen = VectorFeatureObservation(VectorShapedReward(envs, settings), encoding.features)
-    return SB3VecEnv(VectorNormalisedAction(seen, encoding.actions))
+    seen = VectorFeatureObservation(VectorShapedReward(envs, settings), features_of(problem, encoding))
+    return SB3VecEnv(VectorNormalisedAction(seen, actions_of(problem, encoding)))
 
 
 @dataclass(eq=False)

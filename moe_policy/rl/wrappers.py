@@ -62,7 +62,7 @@ class NormalisedAction(gym.ActionWrapper[Float32, Float32, Array]):
 
 
 class VectorFeatureObservation(VectorObservationWrapper[Float32, Array, Float32, Array]):
-    """:class:`FeatureObservation` for a vector ``env``, in Gymnasium's modes NEXT_STEP and DISABLED."""
+    """:class:`FeatureObservation` with ``features`` for a vector ``env``, in the modes NEXT_STEP and DISABLED."""
 
     def __init__(self, env: Environments, features: Features | None = None) -> None:
         super().__init__(env)
@@ -75,7 +75,7 @@ class VectorFeatureObservation(VectorObservationWrapper[Float32, Array, Float32,
 
 
 class VectorNormalisedAction(VectorActionWrapper[Float32, Float32, Array, Array]):
-    """:class:`NormalisedAction` for a vector ``env``."""
+    """:class:`NormalisedAction` with ``actions`` for a vector ``env``."""
 
     def __init__(self, env: Environments, actions: Actions | None = None) -> None:
         super().__init__(env)

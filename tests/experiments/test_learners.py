@@ -39,7 +39,7 @@ def test_seeds_of_other_settings_are_refused(tmp_path):
 def test_the_record_of_a_run_is_read_as_it_was_written(tmp_path):
     performance = {"success": 1, "reached": 2, "cost": 3.0, "score": 4.0, "mean_return": -5.0, "final_error": 0.1}
     performance |= {"cost_ratio": None, "violation": None}
-    points = [Evaluation(steps=steps, seconds=0.5 * steps, **performance) for steps in (100, 180)]
+    points = [Evaluation(steps=steps, seconds=0.5 * steps, closest=0.5, **performance) for steps in (100, 180)]
     settings = SACSettings(steps=200, hidden=(8, 8))
     trained = TrainingRun(settings, random_policy(), points[0], tuple(points))
     run = LearnerRun.of(trained, CaseSet(name="development", count=2), provenance())

