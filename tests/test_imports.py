@@ -52,6 +52,7 @@ WINGS = {
     "ocp_envs.solvers": None,
     "ocp_envs.data": None,
     "ocp_envs.sets": None,
+    "info": ("info",),
     "ocp_envs": ("",),
     "protocols": ("protocols", "model_files"),
     "moe_policy.planners": None,
@@ -138,7 +139,7 @@ def _wing(module: str) -> str:
     if not rest:
         return package
     if package == "ocp_envs":
-        return "declaration"
+        return "info" if rest == "info" else "declaration"
     return "store" if rest == "store" else "protocols"
 
 
@@ -149,7 +150,7 @@ def test_every_wing_and_every_module_that_is_named_exists():
     assert all(MODULES_OF.values()), [wing for wing, modules in MODULES_OF.items() if not modules]
     for wing, names in WINGS.items():
         if names is not None:
-            package = "ocp_envs" if wing in ("declaration", "ocp_envs") else "moe_policy"
+            package = "ocp_envs" if wing in ("declaration", "info", "ocp_envs") else "moe_policy"
             assert {f"{package}.{name}".rstrip(".") for name in names} == MODULES_OF[wing]
 
 

@@ -19,6 +19,8 @@ PACKAGES: Mapping[str, str] = MappingProxyType(
         "stable_baselines3": "experiments",
         "sb3_contrib": "tqc",
         "distributed": "cluster",
+        "minari": "minari",
+        "h5py": "minari",
     }
 )
 

@@ -36,6 +36,11 @@ class Database(StoredDatabase):
         """How ``rows`` ended, all by default; ``MISSING`` where they do not exist."""
         return np.where(self._exist[rows or slice(None)], self._read("status", rows), np.int8(MISSING))
 
+    @property
+    def status(self) -> NDArray[np.int8]:
+        """How each instance ended, (M,), a :class:`~ocp_envs.solvers.nlp.Status`; −1 where it is not solved yet."""
+        return self._status()[self._row_of_index]
+
     def stored(self, rows: slice) -> StoredRows:
         """What is stored of ``rows``.
 

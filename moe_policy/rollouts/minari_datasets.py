@@ -1,0 +1,151 @@
+"""Episodes as datasets of Minari (Farama Foundation), for whoever learns from demonstrations.
+
+A dataset has observations, actions and rewards of single environments as Gymnasium makes them, so that
+``dataset.recover_environment()`` and the options of an episode repeat it exactly. Minari comes with the extra
+``minari``; its folder is that of the environment variable ``MINARI_DATASETS_PATH``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import ArrayLike
+
+from moe_policy.control.policy import act
+from moe_policy.protocols import PlanningPolicy, Policy
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.problems import ProblemOrId, problem_of, register
+from ocp_envs.support.arrays import Array
+
+
+def _minari() -> ModuleType:
+    try:
+        import h5py  # noqa: F401 (Minari needs it, and says so late)
+        import minari
+    except ImportError as error:
+        raise ImportError('datasets need Minari; install it with: pip install "ocp-moe[minari]"') from error
+    found: ModuleType = minari
+    return found
+
+
+def export_minari(
+    problem: ProblemOrId, policy: Policy, parameters: ArrayLike, dataset_id: str, *, dt: float = 0.02
+) -> Any:
+    """Fly ``policy`` from ``parameters`` (B, np) and keep the episodes, up to the goal ball, as a new dataset.
+
+    Args:
+        problem: the problem, which is registered if it is not.
+        policy: as in :func:`moe_policy.rollout`; it acts in the single precision of the environment's action space.
+        parameters: of the episodes.
+        dataset_id: of the dataset, such as ``"ocp/PendulumSwingup/optimal-v0"``.
+        dt: control period, seconds.
+
+    Returns:
+        the ``minari.MinariDataset``.
+
+    Raises:
+        ImportError: Minari is not installed.
+        ValueError: Minari has a dataset of that name, or the parameters do not fit the problem.
+    """
+    minari, problem = _minari(), problem_of(problem)
+    register(problem)
+    p = problem.check_parameters(parameters, extrapolate=True)
+    env = gym.make(problem.id, dt=dt)
+    episodes = [_episode(env, policy, row, i) for i, row in enumerate(p)]
+    described = f"Episodes of {problem.id} up to the goal ball: {problem.title}."
+    return minari.create_dataset_from_buffers(
+        dataset_id,
+        episodes,
+        env=env,
+        eval_env=env,
+        algorithm_name=type(policy).__name__,
+        description=described,
+        requirements=["ocp-moe"],
+        data_format="hdf5",
+    )
+
+
+def _episode(env: gym.Env[Any, Any], policy: Policy, p: Array, number: int) -> Any:
+    """The buffer of one episode from ``p`` (np,)."""
+    from minari.data_collector import EpisodeBuffer
+
+    options = {"parameters": p.tolist(), "extrapolate": True}
+    observation, _ = env.reset(options=options)
+    state = policy.start(p[None]) if isinstance(policy, PlanningPolicy) else None
+    begins, over = np.full(1, state is None), False
+    observations, actions, rewards, ends = [observation], [], [], []
+    while not over:
+        action, state = act(policy, observation[None], state, begins)
+        actions.append(np.asarray(action[0], dtype=np.float32))
+        observation, reward, terminated, truncated, _ = env.step(actions[-1])
+        observations.append(observation)
+        rewards.append(float(reward))
+        ends.append((terminated, truncated))
+        begins, over = np.zeros(1, dtype=bool), terminated or truncated
+    return EpisodeBuffer(
+        id=number,
+        options=options,
+        observations=observations,
+        actions=actions,
+        rewards=rewards,
+        terminations=[terminated for terminated, _ in ends],
+        truncations=[truncated for _, truncated in ends],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """The decisions of a dataset, one after another.
+
+    Args:
+        observations: before each decision, (n, nx + nc).
+        actions: of each decision, (n, nu).
+        episodes: number of the episode of each decision, (n,).
+    """
+
+    observations: Array
+    actions: Array
+    episodes: Array
+
+
+def read_minari(dataset: Any) -> Transitions:
+    """The decisions of a ``dataset`` of Minari, or of the one with that id.
+
+    Raises:
+        ImportError: Minari is not installed.
+    """
+    found = list(_episodes(dataset))
+    return Transitions(
+        np.concatenate([episode.observations[:-1] for episode in found]).astype(np.float64),
+        np.concatenate([episode.actions for episode in found]).astype(np.float64),
+        np.repeat(np.arange(len(found)), [len(episode.actions) for episode in found]),
+    )
+
+
+def _episodes(dataset: Any) -> Iterator[Any]:
+    opened = _minari().load_dataset(dataset) if isinstance(dataset, str) else dataset
+    yield from opened.iterate_episodes()
+
+
+def resimulate(dataset: Any, problem: OptimalControlProblem) -> float:
+    """The largest difference between what a ``dataset`` of Minari holds and the same actions in its environment.
+
+    Observations are compared in units of the scales of the ``problem``, and rewards as they are.
+    """
+    env, worst = dataset.recover_environment(), 0.0
+    scale = np.concatenate([problem.system.state.scale, np.ones(len(problem.context))])
+    told = dataset.storage.get_episode_metadata(dataset.episode_indices)
+    for episode, metadata in zip(_episodes(dataset), told):
+        parameters = np.asarray(metadata["options"]["parameters"])
+        observation, _ = env.reset(options={"parameters": parameters, "extrapolate": True})
+        difference = [np.abs(observation - episode.observations[0]) / scale]
+        for action, following, reward in zip(episode.actions, episode.observations[1:], episode.rewards):
+            observation, got, *_ = env.step(action)
+            difference += [np.abs(observation - following) / scale, np.abs([got - reward])]
+        worst = max(worst, *(float(each.max()) for each in difference))
+    return worst
