@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 from pathlib import Path
 
@@ -19,7 +20,7 @@ project = "ocp-moe"
 author = "the authors of ocp-moe"
 version = release = ocp_envs.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax", "sphinx.ext.viewcode"]
-exclude_patterns = ["README.md"]
+exclude_patterns = ["page", "methods"]
 templates_path: list[str] = []
 
 myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
@@ -44,8 +45,15 @@ html_title = f"ocp-moe {release}"
 html_static_path: list[str] = []
 
 
+def copy_page(app: Sphinx, error: Exception | None) -> None:
+    """Put the page that runs in the browser beside the built pages, as it is."""
+    if error is None:
+        shutil.copytree(DOCS / "page", Path(app.outdir) / "page", dirs_exist_ok=True)
+
+
 def setup(app: Sphinx) -> None:
     """Write the pages that are derived from the code, and resolve what docstrings refer to."""
     generated.write(DOCS)
+    app.connect("build-finished", copy_page)
     app.connect("autodoc-process-docstring", references.separate, priority=400)
     app.connect("missing-reference", references.resolve)

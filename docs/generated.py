@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,19 +16,15 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("ocp_envs", "moe_policy")
 #: A link or an image in Markdown: what stands before the path, and the path of a file in the repository.
 LINK = re.compile(r"(\]\()(?!\w+:|#)([^)\s]+)")
-#: Titles of the pages of public names by wing; "" is the root of a package.
+#: Titles of the pages of public names by wing, where they are not the name of the wing.
 TITLES = {
     "ocp_envs": "Declaration of problems",
-    "ocp_envs.problems": "Catalogue of problems",
     "ocp_envs.render": "Pictures",
-    "ocp_envs.envs": "Environments",
     "ocp_envs.solvers": "Solver",
     "ocp_envs.data": "Databases",
     "ocp_envs.sets": "Sets of instances",
     "ocp_envs.support": "Functions on arrays",
     "moe_policy": "Protocols and shipped models",
-    "moe_policy.planners": "Planners",
-    "moe_policy.learning": "Learning",
     "moe_policy.control": "Tracking",
     "moe_policy.rollouts": "Rollouts and metrics",
     "moe_policy.checking": "Checked plans",
@@ -53,12 +50,14 @@ def _put(path: Path, text: str) -> None:
 def environment(name: str) -> str:
     """The page of the environment called ``name``, with its animation."""
     title, _, rest = ocp_envs.describe(name).partition("\n")
-    return f"{title}\n\n![An optimal episode](../animations/{name}.webp)\n{rest}"
+    animation = f"![An optimal episode](../animations/{name}.webp)"
+    shown = animation if (ROOT / "docs" / "animations" / f"{name}.webp").exists() else ""
+    return f"{title}\n\n{shown}\n{rest}"
 
 
 def public_names() -> dict[str, list[str]]:
     """The public names of the two packages by the wing that defines them, as the stubs list them."""
-    found: dict[str, list[str]] = {wing: [] for wing in TITLES}
+    found: dict[str, list[str]] = defaultdict(list)
     for package in PACKAGES:
         stub = ast.parse((ROOT / package / "__init__.pyi").read_text(encoding="utf-8"))
         for node in stub.body:
@@ -72,7 +71,8 @@ def public_names() -> dict[str, list[str]]:
 def reference(wing: str, names: list[str]) -> str:
     """The page of the public ``names`` that a ``wing`` defines."""
     doc = "" if wing in PACKAGES else importlib.import_module(wing).__doc__ or ""
-    return "\n".join([*_heading(TITLES[wing], "="), doc, "", *(line for name in names for line in _entry(name))])
+    title = TITLES.get(wing, wing.rpartition(".")[2].capitalize())
+    return "\n".join([*_heading(title, "="), doc, "", *(line for name in names for line in _entry(name))])
 
 
 def _heading(text: str, line: str) -> list[str]:

@@ -1,7 +1,7 @@
 """Write the tables of the pages from the records in ``results/``; ``--check`` only tells whether they agree.
 
 A table stands between ``<!-- table: NAME -->`` and ``<!-- end -->`` and is made from ``results/NAME.json``, or from a
-part of it: ``<!-- table: NAME PART -->``.
+part of it: ``<!-- table: NAME PART -->``. A table of scores is made from all of ``results/score_*_<env>.json``.
 """
 
 import re
@@ -25,6 +25,7 @@ from moe_policy.experiments.checking_tables import (
 )
 from moe_policy.experiments.cluster_choice import CLUSTER_COLUMNS, ClusterChoice
 from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
+from moe_policy.experiments.demonstrations import DATASET_COLUMNS, Datasets
 from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLUMNS
 from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.families import FAMILY_COLUMNS, FamiliesTable
@@ -38,6 +39,7 @@ from moe_policy.experiments.splits import SplitComparison, lines
 from moe_policy.reports.records import Record, read
 from moe_policy.reports.split_table import SPLIT_COLUMNS
 from moe_policy.reports.tables import Column, markdown_table
+from moe_policy.score import scoring
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = ("README.md", "results/README.md")
@@ -76,6 +78,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("discretisation", None): table(Discretisation, lambda record: record.rows, DISCRETISATION_COLUMNS),
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("stabiliser", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
+    ("minari", None): table(Datasets, lambda record: record.rows, DATASET_COLUMNS),
     ("budgets", None): table(Budgets, lambda record: record.relative().rows, BUDGET_COLUMNS),
     ("benchmark_planning", "planning"): table(Latency, planning_rows, PLANNING_COLUMNS),
     ("benchmark_planning", "solver"): table(Latency, lambda record: record.solver, SOLVER_COLUMNS),
@@ -83,7 +86,9 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
 
 
 def table_of(name: str, part: str | None) -> str:
-    kind = name if name.startswith("table_") else name.rpartition("_")[0]
+    if name.startswith("score_"):
+        return scoring.table([read(path, scoring.Score) for path in sorted((ROOT / "results").glob(f"{name}.json"))])
+    kind = name if name.startswith("table_") or "_" not in name else name.rpartition("_")[0]
     return TABLES[kind, part](ROOT / "results" / f"{name}.json")
 
 

@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import math
+import pkgutil
 import re
 
+from ocp_envs import problems
 from ocp_envs.envs.env import Env
 from ocp_envs.envs.interface import Interface
 from ocp_envs.problem import OptimalControlProblem
-from ocp_envs.problems import (
-    ProblemOrId,
-    arm,
-    cart_pole,
-    discs,
-    pendulum,
-    problem_of,
-    quadcopter,
-    recovery,
-    rocket,
-    uncertain_pendulum,
-    vehicle,
-)
+from ocp_envs.problems import ProblemOrId, problem_of
 from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
 
-#: The modules that declare the problems of the benchmark.
-_DECLARING = (pendulum, vehicle, quadcopter, uncertain_pendulum, cart_pole, rocket, arm, discs, recovery)
 #: An argument in a docstring: its names, and its text, which goes on in the lines that are indented further.
 _ARGUMENT = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
 
@@ -105,7 +94,8 @@ def background(problem: OptimalControlProblem) -> str:
 
     They are the docstring of the module that declares it.
     """
-    for module in _DECLARING:
+    for found in pkgutil.iter_modules(problems.__path__):
+        module = importlib.import_module(f"{problems.__name__}.{found.name}")
         if any(value is problem for value in vars(module).values()):
             text = re.sub(r":\w+:(`[^`]+`)", r"\1", inspect.cleandoc(module.__doc__ or ""))
             return text.replace("``", "`")

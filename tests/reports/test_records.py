@@ -14,6 +14,7 @@ from moe_policy.experiments.checking import PlannerChecks
 from moe_policy.experiments.cluster_choice import ClusterChoice
 from moe_policy.experiments.comparison import Comparison, Margins, Sensitivity
 from moe_policy.experiments.data_report import DataReport
+from moe_policy.experiments.demonstrations import Datasets
 from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.failures import Diagnosis
 from moe_policy.experiments.families import Families, FamiliesTable
@@ -36,6 +37,7 @@ from moe_policy.experiments.speed.solver import SolverSpeed
 from moe_policy.experiments.speed.training import TrainingSpeed
 from moe_policy.experiments.splits import SplitComparison
 from moe_policy.reports.records import ABSENT, Absent, Record, Scalar, inline, present, read, renamed, write
+from moe_policy.score.scoring import Score
 from ocp_envs.support.provenance import Provenance, provenance, write_json
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"
@@ -57,6 +59,8 @@ TYPES: dict[str, type[Record]] = {
     "budgets_*": Budgets,
     "robustness_*": Robustness,
     "compare_splits_*": SplitComparison,
+    "minari.json": Datasets,
+    "score_*": Score,
     "search_*": Search,
     "splits_*": HardSets,
     "training_*": LearnerTraining,
