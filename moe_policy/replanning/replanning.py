@@ -39,6 +39,7 @@ class Renewed(Batch):
         plan: the present plans; a line to the goal where there is none.
         clock: control steps since the episode's beginning, (B,).
         schedule: of the episodes, whose times count from their beginning.
+        expected: the states that follow in the model, (B, nx); NaN at the beginning.
         renewals, flips: how often a plan was replaced by a new one, and by one of another solution family, (B,).
     """
 
@@ -46,13 +47,16 @@ class Renewed(Batch):
     plan: Trajectory
     clock: Ints
     schedule: Schedule
+    expected: Array
     renewals: Ints
     flips: Ints
 
-    def later(self) -> Renewed:
-        """This state one control step later."""
+    def later(self, expected: Array) -> Renewed:
+        """This state one control step later, when the model says that the states are ``expected`` (B, nx)."""
         following = object.__new__(Renewed)  # nothing else changes, so nothing needs to be checked again
-        following.__dict__.update(self.__dict__, clock=self.clock + 1, tracking=self.tracking.later())
+        following.__dict__.update(
+            self.__dict__, clock=self.clock + 1, tracking=self.tracking.later(), expected=expected
+        )
         return following
 
     def restarted(self, rows: Bools, new: Renewed) -> Renewed:
@@ -63,15 +67,15 @@ class Renewed(Batch):
 
 
 class Replanning(ModelPolicy):
-    """Tracks a plan, and renews it every few control steps from the whole present state.
+    """Tracks a plan, and renews it from the whole present state: at fixed times, and at once after a push.
 
     A new plan is taken where it is better in the model (:mod:`moe_policy.replanning.renewal`), so that the rest of the
-    old one is the worst that can happen. After its end a plan is not renewed. The first plan is renewed at once: by the
-    solver, if ``renewal`` has iterations. The evaluation time is that of the last plan.
+    old one is the worst that can happen. After its end a plan is renewed after a push alone. The first plan is renewed
+    at once: by the solver, if ``renewal`` has iterations. The evaluation time is that of the last plan.
 
     Args:
         planner: maps parameters (B, np) to plans, as for :class:`TrackingPolicy`; or a problem, or its id, for which
-            the solver plans from random guesses.
+            the solver plans from random guesses. A planner for ``problem.from_any_state`` plans from all states.
         every: time between renewals, seconds; rounded to a whole number of control steps, at least one.
         renewal: how plans are renewed; ``None`` for the default.
         experts: of a mixture, the number of experts whose plans are tried on the way; 0 where the planner knows only
@@ -116,7 +120,9 @@ class Replanning(ModelPolicy):
         self._tracker = TrackingPolicy(self.problem, planner, dt, weights)
         self.dt, self._period = self._tracker.dt, max(1, round(every / dt))
         self.every = self._period * self.dt
-        candidates = Candidates(planner, experts, problem=self.problem) if experts else None
+        own = getattr(planner, "problem", None)
+        self._asked = own if isinstance(own, OptimalControlProblem) else self.problem
+        candidates = Candidates(planner, experts, problem=self._asked) if experts else None
         self._renewer = Renewer(self.problem, candidates, self.renewal, self.dt, weights)
         self._resampler = Resampler(self.problem, self.dt)
         self._step = ControlStep(self.problem, self._tracker.regulator.substeps)
@@ -129,7 +135,8 @@ class Replanning(ModelPolicy):
             ValueError: parameters of another shape, or plans of another problem's.
         """
         p = self.problem.check_parameters(parameters, extrapolate=True)
-        plan, contexts = plans_of(self.planner, p), self.problem.start(p)[1]
+        states, contexts = self.problem.start(p)
+        plan = plans_of(self.planner, self._asked.parameters_of(states, contexts))
         tracking = self._tracker.follow(plan, contexts)
         if not plan.finite.all():
             rows = ~plan.finite
@@ -138,7 +145,8 @@ class Replanning(ModelPolicy):
             line = guesses(self.problem, within, windings, np.random.default_rng(0), "line").shifted(turns)
             plan = plan.replaced(rows, line)
         schedule, none = tracking.schedule.shifted(np.zeros(len(p))), np.zeros(len(p), np.int64)
-        return Renewed(tracking, plan, none, schedule, none, none)
+        nothing = np.full((len(p), self.problem.system.nx), np.nan)
+        return Renewed(tracking, plan, none, schedule, nothing, none, none)
 
     def schedule(self, state: State) -> Schedule:
         """When the plans of a recurrent ``state`` of this policy or of its ``predict`` end and are evaluated."""
@@ -152,24 +160,37 @@ class Replanning(ModelPolicy):
         elif np.count_nonzero(begins) and len(state.clock) == len(seen):
             state = state.restarted(begins, self.start(self._parameters(seen[begins])))
         state = self._renewed(seen, state)
-        return self._step(seen, state.tracking), state.later()
+        controls = self._step(seen, state.tracking)
+        return controls, state.later(self._expected(*split(self.problem, seen), controls))
 
     def _parameters(self, observations: Array) -> Array:
         """The parameters (B, np) that are read off ``observations`` (B, nx + nc)."""
         return self.problem.parameters_of(*split(self.problem, observations))
 
+    def _expected(self, states: Array, contexts: Array, controls: Array) -> Array:
+        """The states (B, nx) a control step after ``states`` in ``contexts`` (B, nc) under ``controls`` (B, nu)."""
+        flow = self.problem.functions.flow(self._tracker.regulator.substeps)
+        return np.asarray(flow(states, controls, contexts, np.full((len(states), 1), self.dt))[0])
+
+    def _surprised(self, states: Array, expected: Array) -> Bools:
+        """Where the ``states`` (B, nx) are others than those ``expected``, as after a push."""
+        apart = np.abs(self.problem.system.difference(states, expected)) / self.problem.system.state.scale
+        return np.asarray((apart > self.renewal.surprise).any(axis=1))
+
     def _renewed(self, seen: Array, state: Renewed) -> Renewed:
         """``state`` with the plans renewed from the observations ``seen`` (B, nx + nc) where it is time."""
         left = state.schedule.plan_end - state.clock * self.dt + self.dt / 2
         due = (state.clock % self._period == 0) | (left < self.renewal.commit + self.dt)
-        # After its end a plan is not renewed; one that was rejected has no end.
-        due &= (left > self.dt) | state.schedule.rejected
+        surprised = self._surprised(seen[:, : self.problem.system.nx], state.expected)
+        # After its end a plan is renewed after a push alone; one that was rejected has no end.
+        due = (due & ((left > self.dt) | state.schedule.rejected)) | surprised
         if not due.any():
             return state
         rows = np.flatnonzero(due & np.isfinite(seen).all(axis=1))
         states, contexts = split(self.problem, seen[rows])
         rest = self._rest(state[rows], states, contexts)
-        decided = self._renewer(states, contexts, state.tracking[rows].rest(self.dt), rest)
+        new = surprised[rows] | (state.clock[rows] == 0)
+        decided = self._renewer(states, contexts, state.tracking[rows].rest(self.dt), rest, new)
         return self._taken(state, rows, decided, contexts)
 
     def _rest(self, state: Renewed, states: Array, contexts: Array) -> Trajectory:

@@ -11,6 +11,7 @@ from typing import NoReturn
 
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
+from numpy.typing import ArrayLike
 
 from ocp_envs.envs.interface import Interface
 from ocp_envs.envs.options import EnvOptions
@@ -216,6 +217,25 @@ class Episodes:
     def state(self) -> Array:
         """The true state, (nx,) or (num_envs, nx)."""
         return np.array(self._plant.step.state[self._shown])
+
+    def push(self, change: ArrayLike) -> None:
+        """Move the true state at once, between two control steps; at the bounds of the operating box it stops.
+
+        Args:
+            change: what is added to the state, (nx,) or (num_envs, nx), in the units of its coordinates.
+
+        Raises:
+            ValueError: another shape, or a number that is not finite.
+        """
+        state, box = self._plant.step.state, self.options.problem.system.state
+        added = np.asarray(change, dtype=np.float64)
+        if added.shape not in (state[self._shown].shape, state.shape[1:]) or not np.isfinite(added).all():
+            raise ValueError(
+                f"{self.options.problem.id}: change must be finite numbers for {', '.join(box.names)}, of the shape "
+                f"{state[self._shown].shape}, got {change!r:.80}"
+            )
+        with self._plant.alone():
+            state[self._shown] = np.clip(state[self._shown] + added, box.lower, box.upper)
 
     @property
     def context(self) -> Array:

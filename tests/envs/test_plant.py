@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from ocp_envs.envs.env import Env
 from ocp_envs.envs.options import EnvOptions
 from ocp_envs.envs.plant import Plant
 from ocp_envs.envs.simulation import Simulator
+from ocp_envs.envs.vector_env import VectorEnv
 from ocp_envs.problems.pendulum import PENDULUM
+from tests.small_problems import DOUBLE_INTEGRATOR
 
 P = np.array([[0.5, 0.0], [1.0, 0.5], [2.0, -0.5]])
 ROWS = np.arange(3)
@@ -59,3 +63,23 @@ def test_noise_is_added_to_the_rows_named_and_clipped_to_the_operating_box():
     np.testing.assert_array_equal(measured[:, 0], P[[0, 2], 0] + 0.25)
     np.testing.assert_array_equal(measured[:, 1], PENDULUM.system.state.upper[1])
     np.testing.assert_array_equal(made.step.state, P)
+
+
+@pytest.mark.parametrize("change", [[0.5, -0.2], [[0.5, -0.2], [0.0, 0.1], [-100.0, 0.0]]])
+def test_a_push_moves_the_true_state_within_its_box(change):
+    envs = VectorEnv(DOUBLE_INTEGRATOR, 3)
+    envs.reset(seed=0)
+    before, box = envs.state, DOUBLE_INTEGRATOR.system.state
+    envs.push(change)
+    np.testing.assert_array_equal(envs.state, np.clip(before + np.array(change), box.lower, box.upper))
+    single = Env(DOUBLE_INTEGRATOR)
+    single.reset(seed=0)
+    before = single.state
+    single.push([0.5, -0.2])
+    np.testing.assert_array_equal(single.state, before + np.array([0.5, -0.2]))
+
+
+@pytest.mark.parametrize("change", [[0.5], [[0.5, 0.1]], [np.nan, 0.0]])
+def test_a_push_is_a_finite_change_of_the_state(change):
+    with pytest.raises(ValueError, match="change must be finite numbers for x, v, of the shape"):
+        VectorEnv(DOUBLE_INTEGRATOR, 3).push(change)

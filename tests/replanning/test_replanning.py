@@ -16,7 +16,7 @@ from ocp_envs.solvers import improvement
 from ocp_envs.support.sharing import Loans
 from tests.closed_loop import rest_planner
 from tests.in_process import Solver
-from tests.small_problems import DOUBLE_INTEGRATOR, LINEAR_QUADRATIC
+from tests.small_problems import DOUBLE_INTEGRATOR, LINEAR_QUADRATIC, WALLED_INTEGRATOR
 
 pytestmark = [
     pytest.mark.usefixtures("interpreted"),
@@ -73,14 +73,26 @@ def test_the_solver_makes_the_rest_of_a_plan_cheaper_and_the_evaluation_follows_
 
 
 def test_a_push_is_planned_for_from_the_state_after_it():
-    policy, observations = rest(experts=0), P.copy()
-    state = after(policy, observations, 10)
+    policy = rest(renewal=moe_policy.Renewal(surprise=100.0), experts=0)
+    state = after(policy, P, 10)
     pushed = state.plan.states[:, 2] + np.array([0.3, 0.4])
     state = after(policy, pushed, 1, state)
     np.testing.assert_allclose(state.plan.states[:, 0], pushed, atol=1e-9)
     np.testing.assert_array_equal(state.tracking.clock, 1)
     np.testing.assert_array_equal(state.clock, 11)
     np.testing.assert_allclose(state.schedule.plan_end, 0.2 + state.tracking.schedule.plan_end)
+
+
+def test_after_a_push_a_plan_is_renewed_at_once():
+    episodes, renewals = rest(experts=0), []
+    for push in (0.0, 0.5):
+        state, states = None, P.copy()
+        for step in range(4):
+            controls, state = episodes.act(states, state, np.zeros(3, bool))
+            states = DOUBLE_INTEGRATOR.functions.flow(1)(states, controls, np.zeros((3, 0)), np.full((3, 1), 0.02))[0]
+            states = states + np.array([0.0, push * (step == 2)])
+        renewals.append(state.renewals.tolist())
+    assert renewals == [[1, 1, 1], [2, 2, 2]]
 
 
 def test_near_its_end_a_plan_that_succeeds_is_kept():
@@ -118,6 +130,21 @@ def test_angles_in_another_turn_are_renewed_alike(mixture):
     policy, p = moe_policy.Replanning(mixture, 0.2), np.array([[0.5, 0.3], [5.5, -0.4]])
     one, other = after(policy, p, 11), after(policy, p + turn, 11)
     np.testing.assert_allclose(other.plan.states - turn, one.plan.states, atol=1e-7)
+
+
+def test_a_planner_for_any_state_is_asked_for_the_whole_state():
+    asked = []
+
+    def planner(p):
+        asked.append(p)
+        return rest_planner(p)
+
+    planner.problem = WALLED_INTEGRATOR.from_any_state
+    policy = moe_policy.Replanning(planner, renewal=NO_SOLVER, problem=WALLED_INTEGRATOR)
+    policy.start(np.array([[2.0, 5.0]]))
+    np.testing.assert_array_equal(asked[0], [[2.0, 0.0, 5.0]])
+    after(policy, np.array([[1.0, -0.5, 5.0]]), 1)
+    np.testing.assert_array_equal(asked[-1], [[1.0, -0.5, 5.0]])
 
 
 def test_an_episode_that_restarts_in_the_batch_begins_with_a_plan_of_its_own():
@@ -166,7 +193,7 @@ def test_times_are_positive(arguments):
         moe_policy.Replanning(rest_planner, problem=DOUBLE_INTEGRATOR, **arguments)
 
 
-@pytest.mark.parametrize("name", ["margin", "switch", "commit"])
+@pytest.mark.parametrize("name", ["margin", "switch", "commit", "surprise"])
 def test_settings_are_not_negative(name):
     with pytest.raises(ValueError, match=f"{name}: expected at least 0, got -1"):
         moe_policy.Renewal(**{name: -1.0})

@@ -1,0 +1,336 @@
+"""Plans that are renewed on the way, under pushes and on plants that differ: success, cost, changes of the family."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from moe_policy.control.estimation import Estimated, Estimating
+from moe_policy.control.tracking import TrackingPolicy
+from moe_policy.planners.network import NetworkPlanner
+from moe_policy.planners.solver import SolverPlanner
+from moe_policy.planners.stored import StoredPlans
+from moe_policy.protocols import Policy, Schedule, State
+from moe_policy.replanning.renewal import Renewal
+from moe_policy.replanning.replanning import Renewed, Replanning
+from moe_policy.reports.records import Record
+from moe_policy.reports.tables import Column, text_table
+from moe_policy.rollouts.environments import Environments, base_of, environments
+from moe_policy.rollouts.intervals import Proportion
+from moe_policy.rollouts.metrics import cost_ratio, evaluate
+from moe_policy.rollouts.rollout import rollout
+from ocp_envs.envs.options import EnvArguments
+from ocp_envs.problem import OptimalControlProblem
+from ocp_envs.support.arrays import Array, Bools
+from ocp_envs.support.provenance import Provenance
+from ocp_envs.trajectory import Trajectory
+
+#: Standard deviations of a push, in the units of the coordinates; of any other problem a tenth of the scale.
+PUSHES: Mapping[str, Mapping[str, float]] = {
+    "PendulumSwingup-v0": {"omega": 0.5},
+    "GroundVehicle-v0": {"theta": 0.2, "v": 1.0},
+    "Quadcopter-v0": {"vx": 1.0, "vy": 1.0, "vz": 1.0},
+    "QuadcopterObstacle-v0": {"vx": 1.0, "vy": 1.0, "vz": 1.0},
+}
+#: Pushes in an episode, at times uniform over the duration of the optimal plan.
+COUNT = 2
+
+
+class Pushed(gym.vector.VectorWrapper[Any, Any, Any, Any, Any]):
+    """Environments ``envs`` in which the state is moved.
+
+    Before control step ``when`` (B, n) it is pushed by ``change`` (B, n, nx), before every one by ``steady`` (nx,).
+    """
+
+    def __init__(self, envs: Environments, when: NDArray[np.int64], change: Array, steady: Array) -> None:
+        super().__init__(envs)
+        self._when, self._change, self._steady, self._step = when, change, steady, 0
+
+    def reset(self, **arguments: Any) -> Any:
+        """Reset all episodes with the ``arguments`` of the environments."""
+        self._step = 0
+        return super().reset(**arguments)
+
+    def step(self, actions: Array) -> Any:
+        """One control step under ``actions`` (B, nu), after the pushes that are due."""
+        due = (self._when == self._step)[..., None]
+        base_of(self.env).push((self._change * due).sum(axis=1) + self._steady)
+        self._step += 1
+        return super().step(actions)
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """In what plants differ from the model under the name ``name``.
+
+    The ``arguments`` are those of environments, ``wind`` is a steady change of the derivatives (nx,), ``pushed`` says
+    whether there are pushes, and ``delay`` is known to methods that compensate for it, in control steps.
+    """
+
+    name: str
+    arguments: EnvArguments
+    wind: Array
+    pushed: bool = False
+    delay: int = 0
+
+
+def conditions(problem: OptimalControlProblem) -> list[Condition]:
+    """The conditions under which plans of ``problem`` are renewed."""
+    calm, names = np.zeros(problem.system.nx), problem.system.state.names
+    found = [Condition("nominal", {}, calm), Condition("pushes", {}, calm, pushed=True)]
+    constants = problem.system.constants
+    for name, percent in (("mass", 10), ("speed_gain", -20)):
+        if name in constants:
+            changed = {name: constants[name] * (1 + percent / 100)}
+            found.append(Condition(f"{name.replace('_', ' ')} {percent:+} %", {"constants": changed}, calm))
+    if "vx" in names:
+        wind = np.array([1.0 if name == "vx" else 0.0 for name in names])
+        found.append(Condition("wind 1 m/s²", {}, wind))
+    else:
+        found.append(Condition("delay 60 ms", {"delay": 3}, calm, delay=3))
+    return found
+
+
+class FromAnyState:
+    """The plans of ``planner`` from any state, as guesses: those of the nearest parameters in its box."""
+
+    def __init__(self, planner: NetworkPlanner) -> None:
+        self.planner, self.problem = planner, planner.problem.from_any_state
+
+    def __call__(self, p: Array) -> Trajectory:
+        """Plans of parameters ``p`` (B, nx + nc)."""
+        own, box = self.planner.problem.parameters_of(*self.problem.start(p)), self.planner.problem.parameters
+        return self.planner(np.clip(own, box.lower, box.upper))
+
+
+def restarted_solver(problem: OptimalControlProblem, planner: NetworkPlanner, every: float) -> Replanning:
+    """The solver, restarted ``every`` seconds from the rest of the old plan and from the plans of ``planner``.
+
+    Of a mixture these are those of all experts. It changes the family for any saving.
+    """
+    experts = planner.expert_planners() if hasattr(planner.network, "experts") else (planner,)
+    guessers = tuple(FromAnyState(expert) for expert in experts)
+    solver = SolverPlanner(problem.from_any_state, guessers=guessers)
+    return Replanning(solver, every, Renewal(iterations=None, switch=0.0), problem=problem)
+
+
+def methods(
+    problem: OptimalControlProblem, planner: NetworkPlanner, optimal: StoredPlans, every: float, condition: Condition
+) -> dict[str, Policy]:
+    """The policies that are compared under ``condition``, by name; plans are renewed ``every`` seconds."""
+    margin = 0.03 if problem.n_clearances else 0.0
+    replanning = Replanning(planner, every, Renewal(margin=margin))
+    found: dict[str, Policy] = {
+        "optimal, tracked": TrackingPolicy(problem, optimal),
+        f"{planner.name}, tracked": TrackingPolicy(problem, planner),
+        f"{planner.name}, replanned": replanning,
+    }
+    if condition.delay:
+        found[f"{planner.name}, replanned, delay predicted"] = Estimated(replanning, delay=condition.delay)
+    elif "constants" in condition.arguments:
+        found[f"{planner.name}, replanned, offset removed"] = Estimated(replanning, offset=True)
+    elif not condition.wind.any():
+        found["solver, restarted"] = restarted_solver(problem, planner, every)
+    return found
+
+
+class Observed:
+    """The ``policy``, a :class:`Replanning` or an :class:`Estimated` one, with the last recurrent state in ``last``.
+
+    The attribute ``seconds`` has the duration of each control step in which a plan was due, of all rows together.
+    """
+
+    def __init__(self, policy: Any, period: int) -> None:
+        self.policy, self.dt, self._period = policy, policy.dt, period
+        self.last: Renewed | None = None
+        self.seconds: list[float] = []
+        self.predict, self.start = policy.predict, policy.start
+
+    def check(self, env: Environments) -> None:
+        """Refuse an environment ``env`` for which the policy is not made."""
+        self.policy.check(env)
+
+    def schedule(self, state: State) -> Schedule | None:
+        """The schedule of the policy's recurrent ``state``."""
+        found: Schedule | None = self.policy.schedule(state)
+        return found
+
+    def act(self, observations: Array, state: State, begins: Bools) -> tuple[Array, State]:
+        """The policy's controls at ``observations`` (B, nx + nc) with its ``state``, where episodes ``begins``."""
+        before, began = _renewed(state), time.perf_counter()
+        controls, state = self.policy.act(observations, state, begins)
+        if (
+            before is not None
+            and ((before.clock % self._period == 0) & (before.clock * self.dt < before.schedule.plan_end)).any()
+        ):
+            self.seconds.append(time.perf_counter() - began)
+        self.last = _renewed(state)
+        return controls, state
+
+
+def _renewed(state: State) -> Renewed | None:
+    inner = state.inner if isinstance(state, Estimating) else state
+    return inner if isinstance(inner, Renewed) else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplanningRow(Record):
+    """One method on one split under one condition."""
+
+    split: str  # of the initial conditions
+    condition: str  # in what the plant differs from the model
+    method: str  # its name
+    success: Proportion  # in the goal ball at the evaluation time of the last plan
+    success_at_plan_end: Proportion | None  # in it at the end of the last plan
+    left_box: int  # episodes that left the operating box
+    relative_cost: float | None  # to the optimal plan, tracked without a disturbance; where both reach the goal
+    violation_mean: float | None  # of the path constraints, in their unit
+    flips: int | None  # changes to another solution family, in all episodes; ``None`` where no plan is renewed
+    renewals: int | None  # new plans, in all episodes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Latency(Record):
+    """How long control steps take in which a plan is due, of one episode at a time, in milliseconds."""
+
+    condition: str  # of the episodes
+    count: int  # number of such control steps
+    median: float
+    percentile_99: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplanningRecord(Record):
+    """All methods of one problem: ``replanning_<env>.json``."""
+
+    env_id: str  # id of the problem
+    cases: int  # number of initial conditions of each split
+    seed: int  # of the pushes
+    dt: float  # control period, seconds
+    every: float  # time between renewals, seconds
+    push: dict[str, float]  # standard deviations of a push by coordinate, in its unit
+    pushes: int  # number of pushes in an episode
+    rows: tuple[ReplanningRow, ...]
+    latency: tuple[Latency, ...]
+    cpu_seconds: float  # processor time
+    provenance: Provenance  # of the record
+
+    def table(self) -> str:
+        """The rows as text."""
+        columns: list[Column[ReplanningRow]] = [
+            Column("split", lambda row: row.split),
+            Column("condition", lambda row: row.condition),
+            Column("method", lambda row: row.method),
+            Column("success", lambda row: row.success.count),
+            Column("at the plan's end", lambda row: row.success_at_plan_end and row.success_at_plan_end.count),
+            Column("cost / optimal", lambda row: row.relative_cost and f"{row.relative_cost:.3f}"),
+            Column("violation, m", lambda row: row.violation_mean and f"{row.violation_mean:.4f}"),
+            Column("flips", lambda row: row.flips),
+        ]
+        return text_table(self.rows, columns)
+
+
+def deviations(problem: OptimalControlProblem) -> dict[str, float]:
+    """Standard deviations of a push of ``problem``, by the name of the coordinate."""
+    box = problem.system.state
+    return dict(PUSHES.get(problem.id) or zip(box.names, (0.1 * box.scale).tolist()))
+
+
+def pushes(problem: OptimalControlProblem, durations: Array, dt: float, seed: int) -> tuple[NDArray[np.int64], Array]:
+    """Control steps (B, :data:`COUNT`) of ``dt`` seconds and changes (B, :data:`COUNT`, nx), drawn with ``seed``.
+
+    Times are uniform over the ``durations`` (B,) of plans of ``problem``.
+    """
+    rng, told = np.random.default_rng(seed), deviations(problem)
+    deviation = np.array([told.get(name, 0.0) for name in problem.system.state.names])
+    when = np.floor(rng.uniform(0, 1, (len(durations), COUNT)) * durations[:, None] / dt).astype(np.int64)
+    return when, rng.normal(0, 1, (len(durations), COUNT, problem.system.nx)) * deviation
+
+
+def run_split(
+    problem: OptimalControlProblem,
+    split: str,
+    parameters: Array,
+    optimal: Trajectory,
+    planner: NetworkPlanner,
+    every: float,
+    *,
+    seed: int = 0,
+    dt: float = 0.02,
+) -> list[ReplanningRow]:
+    """All methods under all conditions from the ``parameters`` (B, np) of the ``split``, with their ``optimal`` plans.
+
+    Plans of ``planner`` for ``problem`` are renewed ``every`` seconds, in control steps of ``dt`` seconds; pushes are
+    drawn with ``seed``.
+    """
+    p, rows, stored = parameters, list[ReplanningRow](), StoredPlans(parameters, optimal, problem)
+    when, change = pushes(problem, optimal.duration, dt, seed)
+    envs = environments(problem, len(p), dt)
+    baseline = rollout(envs, TrackingPolicy(problem, stored, dt), p)
+    for condition in conditions(problem):
+        for name, policy in methods(problem, planner, stored, every, condition).items():
+            moved = Pushed(
+                environments(problem, len(p), dt, **condition.arguments),
+                when,
+                change * condition.pushed,
+                dt * condition.wind,
+            )
+            watched = Observed(policy, round(every / dt))
+            metrics = evaluate(problem, episodes := rollout(moved, watched, p))
+            last = watched.last
+            rows.append(
+                ReplanningRow(
+                    split=split,
+                    condition=condition.name,
+                    method=name,
+                    success=metrics.success,
+                    success_at_plan_end=metrics.success_at_plan_end,
+                    left_box=metrics.left_box,
+                    relative_cost=cost_ratio(episodes, baseline).ratio,
+                    violation_mean=None if metrics.violation is None else metrics.violation.mean.mean,
+                    flips=None if last is None else int(last.flips.sum()),
+                    renewals=None if last is None else int(last.renewals.sum()),
+                )
+            )
+    return rows
+
+
+def latency(
+    problem: OptimalControlProblem,
+    parameters: Array,
+    optimal: Trajectory,
+    planner: NetworkPlanner,
+    every: float,
+    count: int,
+    *,
+    seed: int = 0,
+    dt: float = 0.02,
+) -> tuple[Latency, ...]:
+    """How long renewals take in the first ``count`` episodes, one at a time; the arguments are as for `run_split`."""
+    when, change = pushes(problem, optimal.duration, dt, seed)
+    found, stored = [], StoredPlans(parameters, optimal, problem)
+    for condition in conditions(problem)[:2]:
+        name = f"{planner.name}, replanned"
+        watched = Observed(methods(problem, planner, stored, every, condition)[name], round(every / dt))
+        for row in range(count):
+            rows = slice(row, row + 1)
+            moved = Pushed(
+                environments(problem, 1, dt), when[rows], change[rows] * condition.pushed, dt * condition.wind
+            )
+            rollout(moved, watched, parameters[rows])
+        milliseconds = 1000 * np.array(watched.seconds[5:])  # the first ones start the solver
+        found.append(
+            Latency(
+                condition=condition.name,
+                count=len(milliseconds),
+                median=float(np.median(milliseconds)),
+                percentile_99=float(np.quantile(milliseconds, 0.99)),
+            )
+        )
+    return tuple(found)
