@@ -111,7 +111,6 @@ CALLS: dict[str, dict[str, Callable[[], Any]]] = {
     "load_reference": {"split": lambda: "validation"},
     "names": {},
     "ocp_envs.load": {"name": lambda: "PendulumSwingup-v0"},
-    "push": {"change": lambda: np.zeros(2)},
     "refine": {"database": finished, "planner": lambda: lambda p: constant_plans(p)},
     "rollout": {"horizon": lambda: 0.1},
     "sample": {"seed": lambda: 1, "n": lambda: 2},

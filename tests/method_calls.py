@@ -23,6 +23,7 @@ _DATA = re.compile(r"\b(ArrayLike|PathLike|ProblemOrId|Environment|Info)\b")
 _OWN: dict[str, Callable[[], Any]] = {
     "action": lambda: np.zeros(1),
     "actions": lambda: np.zeros((1, 1)),
+    "change": lambda: np.zeros(2),
     "contexts": lambda: np.zeros((2, 0)),
     "controls": lambda: np.zeros((2, 1)),
     "env": lambda: gym.make(PENDULUM.id),
