@@ -20,6 +20,7 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Bools, Ints
 from ocp_envs.support.batch import BatchFunction
 from ocp_envs.support.clock import count_steps
+from ocp_envs.support.doors import checked
 
 #: Index of all rows: basic indexing is faster than that by an array of integers.
 ALL = slice(None)
@@ -218,6 +219,7 @@ class Episodes:
         """The true state, (nx,) or (num_envs, nx)."""
         return np.array(self._plant.step.state[self._shown])
 
+    @checked
     def push(self, change: ArrayLike) -> None:
         """Move the true state at once, between two control steps; at the bounds of the operating box it stops.
 
