@@ -30,6 +30,7 @@ from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLU
 from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.families import FAMILY_COLUMNS, FamiliesTable
 from moe_policy.experiments.latency import PLANNING_COLUMNS, Latency, planning_rows
+from moe_policy.experiments.learners import TRIAL_COLUMNS, Search
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
 from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, SummaryTable, TrainingTable, summary_columns
 from moe_policy.experiments.partitions import PARTITION_COLUMNS, Partitions
@@ -80,6 +81,10 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("stabiliser", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("minari", None): table(Datasets, lambda record: record.rows, DATASET_COLUMNS),
     ("budgets", None): table(Budgets, lambda record: record.relative().rows, BUDGET_COLUMNS),
+    **{
+        (f"search_{name}", None): table(Search, lambda record: record.trials, TRIAL_COLUMNS)
+        for name in ("bc", "ppo", "ppo-bc")
+    },
     ("benchmark_planning", "planning"): table(Latency, planning_rows, PLANNING_COLUMNS),
     ("benchmark_planning", "solver"): table(Latency, lambda record: record.solver, SOLVER_COLUMNS),
 }

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Self
 
 from moe_policy.reports.records import ABSENT, Absent, Record, inline, read, renamed
+from moe_policy.reports.tables import Column, duration
 from moe_policy.rl.algorithms import ALGORITHMS
 from moe_policy.rl.settings import LearnerSettings
 from moe_policy.rl.training import TrainingRun
@@ -98,6 +99,18 @@ class Search(Record):
 
     env_id: str  # id of the problem
     trials: tuple[Trial, ...]  # in the order in which they were made
+
+
+#: Of each trial: its chosen actor, and how close the last one came.
+TRIAL_COLUMNS: tuple[Column[Trial], ...] = (
+    Column("trial", lambda trial: trial.note),
+    Column("decisions", lambda trial: trial.run.steps, ","),
+    Column("wall time", lambda trial: trial.run.seconds, duration),
+    Column("success", lambda trial: trial.run.best.success / trial.run.development.count, ".1%"),
+    Column("cost / best known", lambda trial: trial.run.best.cost_ratio, ".3f"),
+    Column("mean violation, m", lambda trial: trial.run.best.violation, ".3f"),
+    Column("closest approach", lambda trial: trial.run.curve[-1].closest, ".2g"),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
