@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
+
+import pytest
 
 import moe_policy
 import ocp_envs
@@ -42,3 +45,11 @@ def test_links_of_the_results_lead_from_the_folder_of_the_documentation():
     page = _generated().results()
     assert "](../results/" in page
     assert "](../docs/" not in page
+
+
+@pytest.mark.parametrize("package", [ocp_envs, moe_policy], ids=lambda package: package.__name__)
+def test_the_help_of_a_package_names_what_exists(package):
+    words = set(re.findall(r"``(\w+)``", package.__doc__))
+    assert len(words) > 15
+    extras, other = {"rl"}, {each.__name__ for each in (ocp_envs, moe_policy)}
+    assert not words - set(package.__all__) - extras - other
