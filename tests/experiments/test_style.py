@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from moe_policy.experiments.figures.style import looks, save_figure
+from moe_policy.experiments.figures.style import METHODS, looks, save_figure
 
 
 def test_variants_share_the_colour_of_their_policy():
@@ -13,6 +13,13 @@ def test_variants_share_the_colour_of_their_policy():
     assert colors[1] == colors[3] == colors[4]
     assert colors[2] == colors[5]
     assert len({tuple(look.values()) for look in found.values()}) == len(names)
+
+
+def test_a_method_has_the_same_colour_whoever_is_compared_with_it():
+    few, many = looks(["snn", "moe-kmeans-4", "stabiliser"]), looks(["optimal", "moe-kmeans-10", "mine", "snn", "ppo"])
+    assert few["snn"] == many["snn"]
+    assert few["moe-kmeans-4"] == many["moe-kmeans-10"]
+    assert many["mine"]["color"] not in METHODS.values()
 
 
 def test_figures_keep_their_colours(tmp_path):

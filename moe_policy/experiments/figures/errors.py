@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from moe_policy.experiments.figures.style import COLORS, INK, Figure, save_figure
+from moe_policy.experiments.figures.style import COLORS, INK, Figure, looks, save_figure
 from ocp_envs.support.arrays import Array
 
 _MARGIN = 1.05
@@ -83,10 +83,10 @@ def violations_figure(path: str | Path, violations: Mapping[str, ArrayLike], tit
 
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
-        for (name, part), color in zip(values.items(), COLORS):
+        for (name, part), look in zip(values.items(), looks(values).values()):
             bounds = np.concatenate([[0.0], part])
             beyond = 100 * (1 - np.arange(len(part) + 1) / len(part))
-            axes.step(bounds, beyond, where="post", color=color, label=f"{name}: mean {part.mean():.3f} m")
+            axes.step(bounds, beyond, where="post", **look, label=f"{name}: mean {part.mean():.3f} m")
         axes.margins(x=0.015)
         axes.set_yscale("log", nonpositive="clip")
         axes.set_ylim(100 * 0.7 / max(map(len, values.values())), 130)

@@ -165,7 +165,7 @@ def robustness_figure(path: str | Path, record: Robustness) -> Path:
             for axes in block[len(record.perturbations) :]:
                 axes.set_axis_off()
         matters = any(row.outcome.regulation_matters for row in record.rows)
-        title = "dashed: at the plan's end, before the hold" if matters else None
+        title = "dashed: at the plan's end, before terminal regulation" if matters else None
         handles = panels[0, 0].get_legend_handles_labels()
         figure.legend(*handles, loc="outside lower center", ncols=min(len(names), 8), title=title)
 

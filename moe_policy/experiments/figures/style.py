@@ -40,6 +40,22 @@ STYLE: dict[str, object] = {
 #: Colours of Okabe and Ito, which colour-blind readers distinguish, too.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#999999")
 _CLUSTER_COLORS = (*COLORS[:6], "#882255", "#44aa99", "#999933", "#aa4499", "#117733", "#332288")
+#: The colour of each method in all figures, by the beginning of its name.
+METHODS = {
+    "optimal": COLORS[0],
+    "nearest": COLORS[1],
+    "snn": COLORS[2],
+    "moe-custom": COLORS[3],
+    "mixture": COLORS[3],
+    "moe-kmeans": COLORS[4],
+    "sac": COLORS[5],
+    "ppo": COLORS[6],
+    "stabiliser": COLORS[7],
+    "moe-auto": "#882255",
+    "checked": "#44aa99",
+    "tqc": "#999933",
+    "bc": "#aa4499",
+}
 _LINES = ("-", "--", ":", "-.")
 #: Formats of figures, and the metadata that is left out, so that equal figures are equal files.
 _METADATA: dict[str, dict[str, object]] = {".png": {"Software": None}, ".pdf": {"CreationDate": None}}
@@ -53,15 +69,25 @@ def cluster_color(cluster: int) -> str:
 
 
 def looks(names: Iterable[str]) -> dict[str, dict[str, str]]:
-    """Colour and line of each method; variants, such as ``"snn, half turn"``, share the colour of their policy."""
-    variants: dict[str, int] = {}  # of each policy, so far
+    """Colour and line of each method; variants, such as ``"snn, half turn"``, share the colour of their policy.
+
+    A method has the same colour in all figures (:data:`METHODS`); what is not listed there gets a colour that is left.
+    """
+    left = (color for color in _CLUSTER_COLORS if color not in METHODS.values())
+    colors: dict[str, str] = {}  # of each policy
     found: dict[str, dict[str, str]] = {}
     for name in dict.fromkeys(names):
         policy = name.split(", ")[0]
-        nth = variants[policy] = variants.get(policy, -1) + 1
-        color = COLORS[list(variants).index(policy) % len(COLORS)]
+        color = colors.setdefault(policy, _method_color(policy) or next(left, COLORS[-1]))
+        nth = sum(look["color"] == color for look in found.values())
         found[name] = {"color": color, "linestyle": _LINES[nth % len(_LINES)]}
     return found
+
+
+def _method_color(policy: str) -> str | None:
+    """The colour of the method whose name is the longest beginning of ``policy``; ``None`` for an unknown one."""
+    known = [name for name in METHODS if policy.startswith(name)]
+    return METHODS[max(known, key=len)] if known else None
 
 
 def _in_a_palette(png: BytesIO) -> bytes:
