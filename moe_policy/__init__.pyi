@@ -54,12 +54,12 @@ from moe_policy.replanning.replanning import Replanning as Replanning
 from moe_policy.rl.actor import Actor as Actor
 from moe_policy.rl.actor import Held as Held
 from moe_policy.rl.actor import LearnedPolicy as LearnedPolicy
+from moe_policy.rl.common import LearnerSettings as LearnerSettings
+from moe_policy.rl.common import RLSettings as RLSettings
 from moe_policy.rl.encoding import Encoding as Encoding
 from moe_policy.rl.evaluation import Evaluation as Evaluation
 from moe_policy.rl.evaluation import Performance as Performance
-from moe_policy.rl.settings import LearnerSettings as LearnerSettings
 from moe_policy.rl.settings import PPOSettings as PPOSettings
-from moe_policy.rl.settings import RLSettings as RLSettings
 from moe_policy.rl.settings import SACSettings as SACSettings
 from moe_policy.rl.settings import TQCSettings as TQCSettings
 from moe_policy.rl.training import TrainingRun as TrainingRun

@@ -37,7 +37,8 @@ from moe_policy.reports.records import read, write
 from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.rl.algorithms import ALGORITHMS
 from moe_policy.rl.cloning import CloningSettings, clone
-from moe_policy.rl.settings import ClonedPPOSettings, LearnerSettings, RLSettings
+from moe_policy.rl.common import LearnerSettings, RLSettings
+from moe_policy.rl.settings import ClonedPPOSettings
 from moe_policy.rl.training import TrainingRun, train
 from moe_policy.score.method import Method
 from ocp_envs.problem import OptimalControlProblem

@@ -12,7 +12,7 @@ from typing import Self
 from moe_policy.reports.records import ABSENT, Absent, Record, inline, read, renamed
 from moe_policy.reports.tables import Column, duration
 from moe_policy.rl.algorithms import ALGORITHMS
-from moe_policy.rl.settings import LearnerSettings
+from moe_policy.rl.common import LearnerSettings
 from moe_policy.rl.training import TrainingRun
 from moe_policy.rollouts.intervals import Proportion
 from ocp_envs.problem import OptimalControlProblem

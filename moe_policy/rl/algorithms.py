@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from moe_policy.rl.cloning import CloningSettings
-from moe_policy.rl.settings import ClonedPPOSettings, LearnerSettings, PPOSettings, SACSettings, TQCSettings
+from moe_policy.rl.common import LearnerSettings
+from moe_policy.rl.settings import ClonedPPOSettings, PPOSettings, SACSettings, TQCSettings
 
 #: The settings of every algorithm.
 ALGORITHMS: Mapping[str, type[LearnerSettings]] = MappingProxyType(

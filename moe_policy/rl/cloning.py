@@ -21,10 +21,10 @@ from torch import nn
 from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.rl.actor import Actor, LearnedPolicy
+from moe_policy.rl.common import LearnerSettings
 from moe_policy.rl.encoding import actions_of, features_of
 from moe_policy.rl.evaluation import Evaluator
 from moe_policy.rl.features import Float32
-from moe_policy.rl.settings import LearnerSettings
 from moe_policy.rl.training import TrainingRun
 from moe_policy.rollouts.environments import environments
 from moe_policy.rollouts.rollout import rollout

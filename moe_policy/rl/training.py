@@ -17,9 +17,10 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from moe_policy.rl.actor import LearnedPolicy
+from moe_policy.rl.common import LearnerSettings, RLSettings
 from moe_policy.rl.encoding import actions_of, features_of
 from moe_policy.rl.evaluation import Evaluation, Evaluator
-from moe_policy.rl.settings import LearnerSettings, PPOSettings, RLSettings
+from moe_policy.rl.settings import PPOSettings
 from moe_policy.rl.wrappers import (
     Environments,
     VectorFeatureObservation,

@@ -10,7 +10,7 @@ from moe_policy.experiments.perturbations import SENSING, Perturbation
 from moe_policy.learning.architectures import Hidden
 from moe_policy.learning.settings import DEFAULT, TrainingSettings
 from moe_policy.planners.margin import Margin
-from moe_policy.rl.settings import LearnerSettings, RLSettings
+from moe_policy.rl.common import LearnerSettings, RLSettings
 
 
 @dataclass(frozen=True, kw_only=True)
