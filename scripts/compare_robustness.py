@@ -7,8 +7,13 @@ in ``data/robustness/<env>``, so that an interrupted command continues. What is 
 problem, models, parameters, seed, plant and package versions alone; delete it after a change of the program. Writes
 ``robustness_<env>.json`` and ``.png``.
 
+With ``--estimated`` the tracked optimum and the first mixture act on an estimate of the state instead: the delay of the
+plant and its noise are known and compensated for, an offset at the control is estimated and removed. The record is
+``robustness_estimated_<env>.json``; its figure also shows the two without an estimate, if the other record is there.
+
     python scripts/compare_robustness.py --env GroundVehicle-v0
     python scripts/compare_robustness.py --cases 50
+    python scripts/compare_robustness.py --estimated --cases 200
 """
 
 import hashlib
@@ -16,7 +21,7 @@ import json
 import time
 from collections.abc import Mapping
 from concurrent.futures import as_completed
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -29,7 +34,8 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures.generalisation import robustness_figure
 from moe_policy.experiments.methods import shipped, solve_all, stabiliser
-from moe_policy.experiments.robustness import LevelRow, Plant, Robustness, plant_key, run_plant
+from moe_policy.experiments.robustness import LevelRow, Plant, Robustness, estimated, plant_key, run_plant
+from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.reports.records import read, write
 from moe_policy.score.method import Method
@@ -51,6 +57,18 @@ MINIMUM = 1000
 def methods(problem: OptimalControlProblem) -> list[Method]:
     """All methods but the optimum."""
     return [*shipped(problem), *stabiliser(problem)]
+
+
+def mixture(problem: OptimalControlProblem) -> Method:
+    """The first mixture of experts among the methods, or their first network."""
+    networks = [method for method in methods(problem) if isinstance(method.actor, NetworkPlanner)]
+    return next((each for each in networks if each.name.startswith("moe")), networks[0])
+
+
+def of_names(record: Robustness, problem: OptimalControlProblem) -> Robustness:
+    """The rows of ``record`` that belong to the optimum and the first mixture of ``problem``."""
+    names = ("optimal", mixture(problem).name)
+    return replace(record, rows=tuple(row for row in record.rows if row.outcome.name in names))
 
 
 def identity(problem: OptimalControlProblem, parameters: Array, optimal: Array, seed: int) -> str:
@@ -75,6 +93,7 @@ class Task:
     parameters: Array  # p of the episodes, (B, np)
     flat: Array  # their optimal trajectories
     seed: int  # of noise and disturbances
+    estimated: bool  # whether methods act on an estimate
 
 
 def work(task: Task, arguments: EnvArguments, path: Path) -> None:
@@ -83,7 +102,10 @@ def work(task: Task, arguments: EnvArguments, path: Path) -> None:
     began = time.process_time()
     problem = ocp_envs.load(task.env_id)
     optimal = Method("optimal", StoredPlans(task.parameters, problem.unflatten(task.flat)))
-    rows = run_plant(problem, [optimal, *methods(problem)], task.parameters, arguments, seed=task.seed, dt=DT)
+    compared = [optimal, *methods(problem)]
+    if task.estimated:
+        compared = estimated(problem, [optimal, mixture(problem)], arguments, DT)
+    rows = run_plant(problem, compared, task.parameters, arguments, seed=task.seed, dt=DT)
     write(path, Plant(arguments=arguments, rows=rows, cpu_seconds=time.process_time() - began))
 
 
@@ -96,16 +118,26 @@ def work_all(task: Task, plants: Mapping[Path, EnvArguments], workers: int | Non
 
 
 def compare(
-    problem: OptimalControlProblem, parameters: Array, *, data: Path, seed: int, workers: int | None
+    problem: OptimalControlProblem,
+    parameters: Array,
+    *,
+    data: Path,
+    seed: int,
+    workers: int | None,
+    on_estimates: bool = False,
 ) -> Robustness:
-    """The record of all methods on all plants, from ``parameters`` (B, np); ``data``: where outcomes are stored."""
+    """The record of all methods on all plants, from ``parameters`` (B, np); ``data``: where outcomes are stored.
+
+    With ``on_estimates`` it is that of the optimum and the first mixture, which act on an estimate of the state.
+    """
     perturbations = benchmark_of(problem).perturbations
     flat = solve_all(problem, parameters, keep=data / "optimal" / problem.id, workers=workers)[0].flat()
     same, folder = identity(problem, parameters, flat, seed), data / "robustness" / problem.id
+    same += ", estimated" * on_estimates
     plants = {(p.name, level): p.arguments(problem, level, DT) for p in perturbations for level in p.levels}
     paths = {key: folder / f"{plant_key(same, plant)}.json" for key, plant in plants.items()}
     # The nominal plants of all perturbations are one.
-    task = Task(problem.id, parameters, flat, seed)
+    task = Task(problem.id, parameters, flat, seed, on_estimates)
     work_all(task, {path: plants[key] for key, path in paths.items()}, workers)
     found = {path: read(path, Plant) for path in paths.values()}
     rows = [
@@ -127,13 +159,18 @@ def compare(
 
 def main() -> None:
     parser = cli.parser(__doc__, data=True, workers=True, seed=0, cases="validation parameters")
+    parser.add_argument("--estimated", action="store_true", help="methods act on an estimate of the state")
     arguments = parser.parse()
     problem, data = arguments.problem, arguments.data
     validation = reference.load(problem, "validation").parameters
     cli.at_most(arguments.cases, len(validation), "validation parameters")
     parameters = validation[: arguments.cases or max(MINIMUM, len(validation) // 5)]
-    record = compare(problem, parameters, data=data, seed=arguments.seed, workers=arguments.workers)
-    robustness_figure(cli.publish(arguments, f"robustness_{problem.id}", record).with_suffix(".png"), record)
+    own, usual = arguments.estimated, f"robustness_{problem.id}"
+    record = compare(problem, parameters, data=data, seed=arguments.seed, workers=arguments.workers, on_estimates=own)
+    path = cli.publish(arguments, f"robustness_estimated_{problem.id}" if own else usual, record)
+    without = arguments.results / f"{usual}.json"
+    shown = record.beside(of_names(read(without, Robustness), problem)) if own and without.exists() else record
+    robustness_figure(path.with_suffix(".png"), shown)
     cli.say(f"{record.tables()}\n{record.cpu_seconds:.0f} s of one core")
 
 

@@ -9,10 +9,14 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
+import numpy as np
+
+from moe_policy.control.estimation import Estimated
 from moe_policy.experiments.perturbations import Perturbation
+from moe_policy.protocols import Policy
 from moe_policy.reports.records import ABSENT, Absent, Record, inline
 from moe_policy.reports.tables import Column, text_table
 from moe_policy.rollouts.environments import environments
@@ -81,6 +85,11 @@ class Robustness(Record):
     cpu_seconds: float  # processor time
     provenance: Provenance  # of the record
 
+    def beside(self, other: Self) -> Self:
+        """This record with the rows of ``other``, which has the same perturbations, before its own."""
+        names = set(self.methods)
+        return replace(self, rows=(*(row for row in other.rows if row.outcome.name not in names), *self.rows))
+
     @property
     def methods(self) -> list[str]:
         """Names of the methods, in the order of the rows."""
@@ -123,6 +132,23 @@ def plant_key(identity: str, arguments: Mapping[str, object]) -> str:
     """
     told = json.dumps([identity, arguments], sort_keys=True, default=lambda values: values.tolist())
     return hashlib.sha256(told.encode()).hexdigest()[:16]
+
+
+def estimated(
+    problem: OptimalControlProblem, methods: Sequence[Method], arguments: EnvArguments, dt: float = 0.02
+) -> list[Method]:
+    """The ``methods`` for ``problem``, acting on an estimate, on the plant of ``arguments`` with control period ``dt``.
+
+    Its delay and the deviations of its noise and disturbance are known, its constants are not. Without noise, an offset
+    at the control is estimated and removed; from noisy measurements it would be noisy itself.
+    """
+    noise, disturbance = arguments.get("observation_noise", 0.0), arguments.get("disturbance", 0.0)
+    delay, offset = arguments.get("delay", 0), not np.any(np.asarray(noise))
+
+    def on_estimates(policy: Policy) -> Estimated:
+        return Estimated(policy, problem, dt, delay=delay, noise=noise, disturbance=disturbance, offset=offset)
+
+    return [Method(f"{method.name}, estimated", on_estimates(method.policy(problem, dt))) for method in methods]
 
 
 def run_plant(
