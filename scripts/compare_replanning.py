@@ -14,8 +14,16 @@ import time
 from moe_policy import store
 from moe_policy.experiments import cli
 from moe_policy.experiments.methods import solve_all
-from moe_policy.experiments.replanning import COUNT, ReplanningRecord, deviations, latency, run_split
+from moe_policy.experiments.replanning import (
+    COUNT,
+    REPLANNING_COLUMNS,
+    ReplanningRecord,
+    deviations,
+    latency,
+    run_split,
+)
 from moe_policy.planners.network import NetworkPlanner
+from moe_policy.reports.tables import text_table
 from ocp_envs.sets import reference
 from ocp_envs.support.provenance import provenance
 from ocp_envs.tables import path_of
@@ -60,7 +68,7 @@ def main() -> None:
         provenance=provenance(),
     )
     cli.publish(arguments, f"replanning_{problem.id}", record)
-    cli.say(record.table())
+    cli.say(text_table(record.rows, REPLANNING_COLUMNS))
     for each in record.latency:
         cli.say(f"{each.condition}: {each.median:.1f} ms, 99 % {each.percentile_99:.1f} ms of {each.count} renewals")
 

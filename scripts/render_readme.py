@@ -34,6 +34,7 @@ from moe_policy.experiments.learners import TRIAL_COLUMNS, Search
 from moe_policy.experiments.overview import OVERVIEW_COLUMNS, OverviewTable
 from moe_policy.experiments.paper_tables import TRAINING_COLUMNS, SummaryTable, TrainingTable, summary_columns
 from moe_policy.experiments.partitions import PARTITION_COLUMNS, Partitions
+from moe_policy.experiments.replanning import REPLANNING_COLUMNS, ReplanningRecord
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
 from moe_policy.experiments.splits import SplitComparison, lines
@@ -72,6 +73,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("planners_checked", "repaired"): table(PlannerChecks, repair_lines, REPAIR_COLUMNS),
     ("planners_checked", "times"): table(PlannerChecks, lambda record: record.times, TIME_COLUMNS),
     ("planners_checked", "bounds"): table(PlannerChecks, lambda record: record.bounds, BOUND_COLUMNS),
+    ("replanning", None): table(ReplanningRecord, lambda record: record.rows, REPLANNING_COLUMNS),
     ("partitions", None): table(Partitions, lambda record: record.rows, PARTITION_COLUMNS),
     ("borders", None): table(Borders, lambda record: record.rows, BORDER_COLUMNS),
     ("clusters", None): table(ClusterChoice, lambda record: record.rows, CLUSTER_COLUMNS),

@@ -20,7 +20,7 @@ from moe_policy.protocols import Policy, Schedule, State
 from moe_policy.replanning.renewal import Renewal
 from moe_policy.replanning.replanning import Renewed, Replanning
 from moe_policy.reports.records import Record
-from moe_policy.reports.tables import Column, text_table
+from moe_policy.reports.tables import Column, proportion
 from moe_policy.rollouts.environments import Environments, base_of, environments
 from moe_policy.rollouts.intervals import Proportion
 from moe_policy.rollouts.metrics import cost_ratio, evaluate
@@ -135,7 +135,7 @@ def methods(
         found[f"{planner.name}, replanned, delay predicted"] = Estimated(replanning, delay=condition.delay)
     elif "constants" in condition.arguments:
         found[f"{planner.name}, replanned, offset removed"] = Estimated(replanning, offset=True)
-    elif not condition.wind.any():
+    elif condition.pushed:
         found["solver, restarted"] = restarted_solver(problem, planner, every)
     return found
 
@@ -221,19 +221,19 @@ class ReplanningRecord(Record):
     cpu_seconds: float  # processor time
     provenance: Provenance  # of the record
 
-    def table(self) -> str:
-        """The rows as text."""
-        columns: list[Column[ReplanningRow]] = [
-            Column("split", lambda row: row.split),
-            Column("condition", lambda row: row.condition),
-            Column("method", lambda row: row.method),
-            Column("success", lambda row: row.success.count),
-            Column("at the plan's end", lambda row: row.success_at_plan_end and row.success_at_plan_end.count),
-            Column("cost / optimal", lambda row: row.relative_cost and f"{row.relative_cost:.3f}"),
-            Column("violation, m", lambda row: row.violation_mean and f"{row.violation_mean:.4f}"),
-            Column("flips", lambda row: row.flips),
-        ]
-        return text_table(self.rows, columns)
+
+#: Names of the splits by those of their reference sets.
+SPLIT_NAMES: Mapping[str, str] = {"validation": "uniform", "boundary": "boundary"}
+REPLANNING_COLUMNS: tuple[Column[ReplanningRow], ...] = (
+    Column("initial conditions", lambda row: SPLIT_NAMES[row.split]),
+    Column("condition", lambda row: row.condition),
+    Column("method", lambda row: row.method),
+    Column("success", lambda row: row.success, proportion),
+    Column("at the plan's end", lambda row: row.success_at_plan_end and row.success_at_plan_end.count),
+    Column("cost / optimal", lambda row: row.relative_cost, ".3f"),
+    Column("mean violation, m", lambda row: row.violation_mean, ".3f"),
+    Column("changes of the family", lambda row: row.flips),
+)
 
 
 def deviations(problem: OptimalControlProblem) -> dict[str, float]:
