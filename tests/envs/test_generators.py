@@ -33,3 +33,16 @@ def test_rows_without_a_seed_differ():
     assert generators.normal(np.arange(0)).shape == (0, 3)
     with pytest.raises(ValueError, match="4 seeds"):
         generators.seed([1, 2], np.arange(4))
+
+
+def test_numbers_drawn_ahead_are_those_of_single_draws_whatever_comes_between():
+    many, rng = Generators(3, 2), np.random.default_rng(1)
+    every = np.arange(3)
+    many.seed(7, every)
+    alone = [seeding.np_random(7 + row)[0] for row in range(3)]
+    for _ in range(300):
+        rows = every[rng.random(3) < 0.7]
+        expected = [alone[row].standard_normal(2) for row in rows]
+        np.testing.assert_array_equal(many.normal(rows), np.reshape(expected, (-1, 2)))
+        if rng.random() < 0.1:
+            assert many[1].random() == alone[1].random()
