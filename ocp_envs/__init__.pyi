@@ -16,6 +16,7 @@ from ocp_envs.distribution import Distribution as Distribution
 from ocp_envs.distribution import Uniform as Uniform
 from ocp_envs.distributions import Conditioned as Conditioned
 from ocp_envs.distributions import Normal as Normal
+from ocp_envs.distributions import OnTheWay as OnTheWay
 from ocp_envs.distributions import Sampler as Sampler
 from ocp_envs.distributions import Table as Table
 from ocp_envs.envs.description import describe as describe

@@ -15,6 +15,7 @@ from ocp_envs.support import fields
 from ocp_envs.support.arrays import Array, Bools
 from ocp_envs.support.doors import checked
 from ocp_envs.system import Box
+from ocp_envs.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ocp_envs.problem import OptimalControlProblem
@@ -199,3 +200,69 @@ class Sampler(Distribution):
 
     def over(self, change: Callable[[Box], Box]) -> Sampler:
         raise ValueError("parameters drawn by a function cannot be drawn over another box")
+
+
+@checked
+@dataclass(frozen=True, eq=False)
+class OnTheWay(Distribution):
+    """States on the way along trajectories, moved as by a push, and drawn again until they are in the parameter box.
+
+    They are the instances that a plan meets which is renewed; ``problem.from_any_state`` has all of them in its box.
+
+    Args:
+        trajectories: B trajectories, finite; each is equally likely, and so is each time along it.
+        contexts: of their instances, (B, nc).
+        deviation: standard deviations of what is added to each coordinate of the state, (nx,), not negative.
+
+    Raises:
+        ValueError: other numbers of rows, or values that are not finite or negative.
+    """
+
+    trajectories: Trajectory
+    contexts: ArrayLike
+    deviation: ArrayLike
+
+    def __post_init__(self) -> None:
+        contexts = np.array(self.contexts, dtype=np.float64)
+        object.__setattr__(self, "contexts", contexts)
+        deviation = fields.vector("OnTheWay", "deviation", self.deviation)
+        object.__setattr__(self, "deviation", deviation)
+        if (deviation < 0).any():
+            raise ValueError(f"OnTheWay: deviation must not be negative, got {deviation}")
+        count = len(self.trajectories)
+        if contexts.ndim != 2 or len(contexts) != count or not count or not self.trajectories.finite.all():
+            raise ValueError(
+                f"OnTheWay: expected finite trajectories, at least one, with contexts (B, nc), got {count} of them and "
+                f"contexts {contexts.shape}"
+            )
+
+    def check(self, problem: OptimalControlProblem) -> None:
+        """Refuse a ``problem`` whose states or contexts have other sizes."""
+        sizes = self.trajectories.states.shape[2], np.asarray(self.contexts).shape[1], np.size(self.deviation)
+        expected = problem.system.nx, len(problem.context), problem.system.nx
+        if sizes != expected:
+            raise ValueError(
+                f"{problem.id}: OnTheWay needs states, contexts and deviations of {expected} coordinates, got {sizes}"
+            )
+        self.draw(problem, [np.random.Generator(np.random.Philox(key=i)) for i in range(4)])
+
+    def draw(self, problem: OptimalControlProblem, generators: Sequence[np.random.Generator]) -> Array:
+        """Parameters of ``problem``, (B, np), one drawn from each of ``generators``."""
+
+        def on_the_way(of: Sequence[np.random.Generator]) -> Array:
+            row = np.array([g.integers(len(self.trajectories)) for g in of])
+            time = np.array([g.uniform(0, self.trajectories.knots - 1) for g in of])
+            knot = np.minimum(time.astype(np.int64), self.trajectories.knots - 2)
+            part, states = (time - knot)[:, None], self.trajectories.states
+            along = (1 - part) * states[row, knot] + part * states[row, knot + 1]
+            moved = along + np.array([g.standard_normal(along.shape[1]) for g in of]) * np.asarray(self.deviation)
+            return problem.in_one_turn(problem.parameters_of(moved, np.asarray(self.contexts)[row]))[0]
+
+        return _first_accepted(problem.id, generators, on_the_way, problem.parameters.contains)
+
+    @property
+    def text(self) -> str:
+        return f"on the way along {len(self.trajectories)} trajectories"
+
+    def over(self, change: Callable[[Box], Box]) -> OnTheWay:
+        return self

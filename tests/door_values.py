@@ -181,6 +181,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "MixtureOfExperts": lambda: planner().network,
     "Modes": lambda: PENDULUM.modes,
     "NetworkPlanner": planner,
+    "OnTheWay": lambda: ocp_envs.OnTheWay(SAMPLES.trajectory, np.zeros((len(SAMPLES.trajectory), 0)), [0.1, 0.1]),
     "Normal": lambda: ocp_envs.Normal([0.0, 0.0], [1.0, 1.0]),
     "Optima": optima,
     "OptimalControlProblem": lambda: DOUBLE_INTEGRATOR,

@@ -9,6 +9,7 @@ import pytest
 
 import ocp_envs
 from ocp_envs import Conditioned, Normal, Sampler, Table
+from ocp_envs.trajectory import Trajectory
 from tests.small_problems import DOUBLE_INTEGRATOR
 
 ROWS = np.array([[1.0, 0.5], [-2.0, 0.0], [4.0, -1.0]])
@@ -76,3 +77,31 @@ def test_distributions_that_do_not_fit_are_refused(distribution, message):
 def test_they_are_described():
     text = ocp_envs.describe(with_distribution(FAR))
     assert "uniform on a distance of more than 4 m" in text
+
+
+def test_states_on_the_way_lie_along_trajectories_and_beside_them():
+    times = np.linspace(0, 1, DOUBLE_INTEGRATOR.knots)
+    states = np.stack([4 - 4 * times, np.full_like(times, -1.0)], axis=1)[None]
+    path = Trajectory(states, np.zeros((1, DOUBLE_INTEGRATOR.knots - 1, 1)), np.array([4.0]))
+    for deviation, spread in (([0.0, 0.0], 0.0), ([0.0, 0.2], 0.2)):
+        made = ocp_envs.OnTheWay(path, np.zeros((1, 0)), deviation)
+        problem = dataclasses.replace(DOUBLE_INTEGRATOR.from_any_state, distribution=made)
+        p = ocp_envs.sample(problem, seed=1, n=400)
+        assert 0.0 <= p[:, 0].min() < 0.2 < 3.8 < p[:, 0].max() <= 4.0
+        np.testing.assert_allclose(p[:, 1].std(), spread, atol=0.02)
+    assert "on the way along 1 trajectories" in ocp_envs.describe(problem)
+
+
+@pytest.mark.parametrize(
+    ("contexts", "deviation", "message"),
+    [
+        (np.zeros((2, 0)), [0.1, 0.1], "with contexts"),
+        (np.zeros((1, 0)), [0.1, -0.1], "must not be negative"),
+        (np.zeros((1, 1)), [0.1, 0.1], "got \\(2, 1, 2\\)"),
+        (np.zeros((1, 0)), [0.1], "got \\(2, 0, 1\\)"),
+    ],
+)
+def test_states_on_the_way_fit_the_problem(contexts, deviation, message):
+    path = Trajectory(np.zeros((1, 21, 2)), np.zeros((1, 20, 1)), np.ones(1))
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(DOUBLE_INTEGRATOR, distribution=ocp_envs.OnTheWay(path, contexts, deviation))
