@@ -51,9 +51,15 @@ def copy_page(app: Sphinx, error: Exception | None) -> None:
         shutil.copytree(DOCS / "page", Path(app.outdir) / "page", dirs_exist_ok=True)
 
 
+def link_results(app: Sphinx, name: str, source: list[str]) -> None:
+    """Let what leads to the page of results in the repository lead to that of the documentation."""
+    source[0] = source[0].replace("](../results/README.md", "](results.md").replace("](../README.md", "](index.md")
+
+
 def setup(app: Sphinx) -> None:
     """Write the pages that are derived from the code, and resolve what docstrings refer to."""
     generated.write(DOCS)
+    app.connect("source-read", link_results)
     app.connect("build-finished", copy_page)
     app.connect("autodoc-process-docstring", references.separate, priority=400)
     app.connect("missing-reference", references.resolve)
