@@ -26,6 +26,7 @@ from moe_policy.experiments.overview import OverviewTable
 from moe_policy.experiments.paper_tables import SummaryTable, TrainingTable
 from moe_policy.experiments.partitions import Partitions
 from moe_policy.experiments.quality import Quality
+from moe_policy.experiments.replanning import ReplanningRecord
 from moe_policy.experiments.robustness import Robustness
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.environments import EnvironmentSpeed, RolloutSpeed
@@ -57,6 +58,7 @@ TYPES: dict[str, type[Record]] = {
     "failures_*": Diagnosis,
     "families_*": Families,
     "budgets_*": Budgets,
+    "replanning_*": ReplanningRecord,
     "robustness_*": Robustness,
     "compare_splits_*": SplitComparison,
     "minari.json": Datasets,
