@@ -52,6 +52,12 @@ for name in sys.argv[2:]:
     for split in reference.SHIPPED:
         assert len(reference.load(ocp_envs.load(name), split)) > 0
 assert "snn" in moe_policy.available("PendulumSwingup-v0")
+
+from moe_policy.score.scoring import splits_of
+from ocp_envs import info
+
+assert splits_of("PendulumSwingup-v0") == ["uniform", "boundary", "near", "outside"]
+info.main(["PendulumSwingup-v0"])
 """
 
 
@@ -70,7 +76,10 @@ def test_the_wheel_holds_the_packages_and_their_data_and_nothing_else(wheel):
         names = {name for name in file.namelist() if ".dist-info/" not in name}
     assert {name.partition("/")[0] for name in names} == set(PACKAGES)
     expected = set()
-    code, data = ("**/*.py", "*.pyi", "py.typed"), ("reference/**/*.npz", "models/**/*.safetensors", "models/**/*.json")
+    code, data = (
+        ("**/*.py", "**/*.[ch]", "*.pyi", "py.typed"),
+        ("reference/**/*.npz", "models/**/*.safetensors", "models/**/*.json"),
+    )
     for pattern in (*code, *data):
         for package in PACKAGES:
             expected |= {path.relative_to(ROOT).as_posix() for path in (ROOT / package).glob(pattern)}
@@ -78,6 +87,7 @@ def test_the_wheel_holds_the_packages_and_their_data_and_nothing_else(wheel):
     assert any(name.endswith(".npz") for name in expected)
     assert any(name.endswith(".safetensors") for name in expected)
     assert names == expected
+    assert wheel.stat().st_size < 20e6
 
 
 def test_the_wheel_works_outside_the_checkout(wheel, tmp_path):
