@@ -219,7 +219,7 @@ _BENCHMARK = {
         near=None,
     ),
     "PlanarQuadcopterDiscs-v0": ProblemSets(
-        training=_training(10_000, _EVERY_SIDE),
+        training=_training(4_000, _EVERY_SIDE),
         development=_development(_EVERY_SIDE_OFTEN),
         validation=_validation(1_000, _EVERY_SIDE_OFTEN),
         boundary=NearEqualCosts(_SEEDS["boundary"], 4_000, size=200, settings=_EVERY_SIDE_OFTEN),
