@@ -54,5 +54,7 @@ SHIPPED: Mapping[str, Settings] = MappingProxyType(
         "PendulumUncertain-v0": Settings("moe-kmeans-10"),
         "CartPoleSwingup-v0": Settings("moe-kmeans-10"),
         "RocketLanding-v0": Settings("moe-kmeans-4"),
+        "TwoLinkArm-v0": Settings("moe-kmeans-10"),
+        "QuadcopterRecovery-v0": Settings("moe-kmeans-4"),
     }
 )
