@@ -5,8 +5,8 @@ All run from the same initial conditions through the same rollout loop: those of
 box), as far as the problem has them; ``scripts/make_splits.py`` makes the hard ones. With ``--seeds`` also the networks
 that ``scripts/compare_training.py`` trained with several seeds, all with equal settings. Writes
 ``compare_splits_<env>.json``, with the curves over the distance from the discontinuity, and the picture
-``splits_<env>.png``. The pendulum takes about two minutes. With ``--names`` other shipped planners than those of the
-benchmark alone, whose rows are added to those of ``results/``.
+``splits_<env>.png``. The pendulum takes about two minutes. With ``--names`` those
+methods alone, whose rows replace those of ``results/`` or are added to them.
 
     python scripts/compare_splits.py --env GroundVehicle-v0
     python scripts/compare_splits.py --env GroundVehicle-v0 --names moe-auto --seeds 3
@@ -24,7 +24,7 @@ from moe_policy.experiments import cli, trainings
 from moe_policy.experiments.comparison import run, track_optimum
 from moe_policy.experiments.distances import DistanceCurves
 from moe_policy.experiments.figures.generalisation import splits_figure
-from moe_policy.experiments.methods import chosen, shipped, stabiliser
+from moe_policy.experiments.methods import named, shipped, stabiliser
 from moe_policy.experiments.splits import (
     BINNED,
     CostDifferenceRange,
@@ -166,7 +166,10 @@ def main() -> None:
         help="compare networks of N seeds of scripts/compare_training.py, too",
     )
     parser.add_argument(
-        "--names", nargs="+", metavar="NAME", help="shipped networks whose rows are added to the record"
+        "--names",
+        nargs="+",
+        metavar="NAME",
+        help="shipped methods whose rows are replaced or added",
     )
     arguments = parser.parse()
     cli.threads()
@@ -176,7 +179,9 @@ def main() -> None:
         parser.error(f"argument --splits: {problem.id} has no {missing[0]!r}; there are {', '.join(there)}")
     names, seeds, name = arguments.names, arguments.seeds, f"compare_splits_{problem.id}"
     networks = {} if seeds is None else trainings.networks(problem, arguments.data, seeds, names)
-    methods = [*shipped(problem, cli.RECORDS), *stabiliser(problem)] if names is None else chosen(problem, names)
+    methods = (
+        [*shipped(problem, cli.RECORDS), *stabiliser(problem)] if names is None else named(problem, names, cli.RECORDS)
+    )
     record = compare(problem, methods, networks, arguments.splits or there, arguments.cases, arguments.data)
     if names is not None:
         with cli.option("--names"):

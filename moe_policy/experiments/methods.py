@@ -68,6 +68,15 @@ def chosen(problem: OptimalControlProblem, names: Sequence[str]) -> list[Method]
     return methods
 
 
+def named(problem: OptimalControlProblem, names: Sequence[str], results: Path | None = None) -> list[Method]:
+    """The methods of ``problem`` called ``names``: those that are compared, and other shipped networks.
+
+    ``results`` is as in :func:`shipped`.
+    """
+    compared = {method.name: method for method in (*shipped(problem, results), *stabiliser(problem))}
+    return [compared[name] if name in compared else chosen(problem, [name])[0] for name in names]
+
+
 def variants(problem: OptimalControlProblem, methods: Sequence[Method]) -> list[Method]:
     """The networks among ``methods`` averaged over the symmetry, then with the margin, where the problem has them."""
     networks = [(method, method.actor) for method in methods if isinstance(method.actor, NetworkPlanner)]

@@ -147,7 +147,8 @@ class SplitComparison(Record):
             raise ValueError(f"rows cannot be added: the record has the cases {ours}, and the new rows {theirs}")
         old = [row for row in self.rows if row.name not in names]
         new = [row for row in other.rows if row.name in names]
-        before = [row for row in present(self.seeds) or () if row.name not in names]
+        seeds = present(other.seeds) or ()
+        before = [row for row in present(self.seeds) or () if row.name not in {row.name for row in seeds}]
         mixed = {row.name: row for row in (*old, *new)}
         problem = problem_of(self.env_id)
         splits = {
@@ -158,7 +159,7 @@ class SplitComparison(Record):
             self,
             splits=splits,
             rows=tuple(mixed.values()),
-            seeds=(*before, *(present(other.seeds) or ())) or ABSENT,
+            seeds=(*before, *seeds) or ABSENT,
             curves=None
             if self.curves is None or other.curves is None
             else self.curves.with_methods(other.curves, names),
