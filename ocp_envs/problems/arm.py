@@ -56,11 +56,8 @@ def cost_rate(
 def postures(context: SimpleNamespace, c: SimpleNamespace) -> list[list[Expression]]:
     """The states at rest, elbow to either side, with the hand at the point in ``context``; ``c`` are the constants."""
     bend = ca.acos((context.distance**2 - c.length_1**2 - c.length_2**2) / (2 * c.length_1 * c.length_2))
-    rows = []
-    for q2 in (bend, -bend):
-        q1 = context.bearing - ca.atan2(c.length_2 * ca.sin(q2), c.length_1 + c.length_2 * ca.cos(q2))
-        rows.append([q1, q2, 0.0, 0.0])
-    return rows
+    inner = ca.atan2(c.length_2 * ca.sin(bend), c.length_1 + c.length_2 * ca.cos(bend))
+    return [[context.bearing - side * inner, side * bend, 0.0, 0.0] for side in (1, -1)]
 
 
 def joints(state: Array) -> Array:
@@ -78,7 +75,6 @@ def _body(state: Array, context: Array) -> list[Shape]:
         Ball(target, 0.08, color="#b5532b"),
         Line(np.array([shoulder, elbow]), width=8, color="#1f4e79"),
         Line(np.array([elbow, hand]), width=5, color="#3f4a57"),
-        Ball(elbow, 0.05, color="#1f2933"),
     ]
 
 
@@ -117,6 +113,7 @@ TWO_LINK_ARM = OptimalControlProblem(
     substeps=2,
     hold=0.0,
     time_limit=12.0,
+    longest_substep=0.005,
     planned={"tau1": (-8.0, 8.0), "tau2": (-4.0, 4.0)},
     picture=Picture(limits=((-2.2, 2.2), (-2.2, 2.2)), body=_body, path=_path),
 )

@@ -4,9 +4,8 @@
     L = 1 + 0.1 ω² + 0.05 ((u_1 − u_h)² + (u_2 − u_h)²),   u_h = m g / 2
 
 It flies from rest at x = −8 to rest at the origin. Heights, centres and radii of the discs are parameters; the radii
-include that of the vehicle. Passing above or below each disc makes 2³ homotopy classes, which are the declared solution
-families: no continuous change takes a path from one class to another without crossing a disc. The vehicle and the box
-of parameters are decisions of this project.
+include that of the vehicle. Passing above or below each disc makes 2³ homotopy classes, the declared solution families:
+no continuous change takes a path from one to another without crossing a disc. Vehicle and box are our decisions.
 """
 
 from __future__ import annotations
@@ -63,8 +62,8 @@ def _sides(problem: OptimalControlProblem, parameters: Array, trajectory: Trajec
     family = np.zeros(len(context), dtype=np.int64)
     for i in range(len(DISCS)):
         cx, cz = context[:, 3 * i], context[:, 3 * i + 1]
-        x, z = trajectory.states[:, :, 0], trajectory.states[:, :, 1]
-        height = np.array([np.interp(at, *(row[np.argsort(xs)] for row in (xs, zs))) for at, xs, zs in zip(cx, x, z)])
+        paths = zip(cx, *(trajectory.states[:, :, k] for k in (0, 1)))
+        height = np.array([np.interp(at, *(row[np.argsort(x)] for row in (x, z))) for at, x, z in paths])
         family = 2 * family + (height > cz)
     return family
 
@@ -101,13 +100,10 @@ PLANAR_QUADCOPTER = OptimalControlProblem(
     parameters=Box(
         (
             Coordinate("z", -2.0, 2.0, "m"),
-            *itertools.chain.from_iterable(
-                (
-                    Coordinate(f"cx{i}", *band, "m"),
-                    Coordinate(f"cz{i}", -1.5, 1.5, "m"),
-                    Coordinate(f"r{i}", 0.4, 1.0, "m"),
-                )
+            *(
+                Coordinate(f"{name}{i}", lower, upper, "m")
                 for i, band in zip(DISCS, BANDS)
+                for name, lower, upper in (("cx", *band), ("cz", -1.5, 1.5), ("r", 0.4, 1.0))
             ),
         )
     ),
@@ -118,7 +114,7 @@ PLANAR_QUADCOPTER = OptimalControlProblem(
     substeps=2,
     hold=5.0,
     time_limit=15.0,
-    rest=np.array([-8.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+    rest=np.array([-8.0, *np.zeros(5)]),
     clearance=clearance,
     clearance_points=3,
     planned={"theta": (-1.2, 1.2), "u1": (0.2, 5.0), "u2": (0.2, 5.0)},

@@ -116,6 +116,8 @@ def test_observation_box_holds_what_float32_makes_of_its_corners():
 
 @each_problem
 def test_goal_terminates_unless_told_otherwise(problem):
+    if problem.goal_error(*(rows[0] for rows in problem.start(at_goal(problem)["parameters"][None]))):
+        pytest.skip("no initial state is at the goal")
     for stop in (True, False):
         env = Env(problem, terminate_at_goal=stop)
         env.reset(options=at_goal(problem))
@@ -274,7 +276,7 @@ def test_every_public_name_is_there():
 def test_every_info_has_the_same_keys(problem):
     env = Env(problem)
     _, info = env.reset(seed=0)
-    ends = [env.step(problem.goal.control)[4] for _ in range(3)]
+    ends = [env.step(problem.terminal.central_control)[4] for _ in range(3)]
     assert all(
         {key: np.shape(value) for key, value in each.items()} == {k: np.shape(v) for k, v in info.items()}
         for each in ends
