@@ -55,6 +55,7 @@ SHIPPED: Mapping[str, Settings] = MappingProxyType(
         "CartPoleSwingup-v0": Settings("moe-kmeans-10"),
         "RocketLanding-v0": Settings("moe-kmeans-4"),
         "TwoLinkArm-v0": Settings("moe-kmeans-10"),
+        "PlanarQuadcopterDiscs-v0": Settings("moe-kmeans-8"),
         "QuadcopterRecovery-v0": Settings("moe-kmeans-4"),
     }
 )

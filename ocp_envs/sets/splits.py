@@ -222,7 +222,6 @@ _BENCHMARK = {
         training=_training(4_000, _EVERY_SIDE),
         development=_development(_EVERY_SIDE_OFTEN),
         validation=_validation(1_000, _EVERY_SIDE_OFTEN),
-        boundary=NearEqualCosts(_SEEDS["boundary"], 4_000, size=200, settings=_EVERY_SIDE_OFTEN),
         outside=replace(_FEW_OUTSIDE, settings=replace(WITHOUT_NEIGHBOURS, starts=30)),
         near=None,
     ),
