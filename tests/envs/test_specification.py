@@ -15,6 +15,7 @@ from ocp_envs.problems.pendulum import PENDULUM
 @pytest.mark.parametrize("record_infos", [False, True])
 def test_minari_collects_episodes(tmp_path, monkeypatch, record_infos):
     minari = pytest.importorskip("minari")
+    pytest.importorskip("jax")  # its collector of episodes needs minari[create]
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     env = minari.DataCollector(gym.make("PendulumSwingup-v0"), record_infos=record_infos)
     with warnings.catch_warnings():
