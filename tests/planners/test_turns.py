@@ -29,6 +29,13 @@ SAMPLES = fake_samples(count=60, modes=3)
 MODELS = {(p, name): moe_policy.load(p, name) for p in BENCHMARK for name in moe_policy.available(p)}
 SHIPPED = [key for key, model in MODELS.items() if not isinstance(model, Policy) and key[1] != "optimal"]
 
+
+def checked_slowly(keys):
+    """``keys`` of models as parameters of a test: checked planners but the pendulum's, which may solve, are slow."""
+    slow = [name == "checked" and problem is not PENDULUM for problem, name in keys]
+    return [pytest.param(*key, marks=[pytest.mark.slow] if is_slow else []) for key, is_slow in zip(keys, slow)]
+
+
 # A pendulum that is symmetric, with an angle among its parameters and its length as context.
 LONG = dataclasses.replace(
     PENDULUM,
@@ -63,7 +70,7 @@ def check(planner, problem, p, turns, tolerance=1e-9):
     np.testing.assert_allclose(planner(written).flat(), planner(p).shifted(moved).flat(), rtol=0, atol=tolerance)
 
 
-@pytest.mark.parametrize(("problem", "name"), SHIPPED, ids=lambda value: getattr(value, "id", value))
+@pytest.mark.parametrize(("problem", "name"), checked_slowly(SHIPPED), ids=lambda value: getattr(value, "id", value))
 @settings(max_examples=15)
 @given(data=st.data())
 def test_shipped_planners_plan_the_same_in_every_turn(problem, name, data):
@@ -118,7 +125,7 @@ def test_the_plan_of_a_mirrored_instance_is_the_mirror_image(instance):
 SYMMETRIC = [(problem, name) for problem, name in SHIPPED if problem.symmetry is not None]
 
 
-@pytest.mark.parametrize(("problem", "name"), SYMMETRIC, ids=lambda value: getattr(value, "id", value))
+@pytest.mark.parametrize(("problem", "name"), checked_slowly(SYMMETRIC), ids=lambda value: getattr(value, "id", value))
 def test_symmetrised_models_of_the_package_are_equivariant(problem, name):
     planner, symmetry = Symmetrised(problem, MODELS[problem, name]), problem.symmetry
     p = problem.parameters.draw(np.random.default_rng(0), 300)
