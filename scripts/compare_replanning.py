@@ -13,15 +13,9 @@ import time
 
 from moe_policy import store
 from moe_policy.experiments import cli
+from moe_policy.experiments.disturbed import COUNT, deviations
 from moe_policy.experiments.methods import solve_all
-from moe_policy.experiments.replanning import (
-    COUNT,
-    REPLANNING_COLUMNS,
-    ReplanningRecord,
-    deviations,
-    latency,
-    run_split,
-)
+from moe_policy.experiments.replanning import REPLANNING_COLUMNS, ReplanningRecord, latency, run_split
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.reports.tables import text_table
 from ocp_envs.sets import reference

@@ -186,8 +186,8 @@ class NetworkPlanner:
     def in_half_precision(self) -> NetworkPlanner:
         """This planner with weights rounded to half precision, whose files are half as large.
 
-        It calculates in single precision still. The shipped planners are rounded like this: their plans change by a few
-        ten-thousandths of a standard deviation in the median.
+        It calculates in single precision still. Each weight changes by at most 1 part in 2048. The shipped planners are
+        rounded like this.
         """
         return replace(self, network=self.network.in_half_precision())
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import moe_policy
-from moe_policy.experiments import replanning
+from moe_policy.experiments import disturbed, replanning
 from moe_policy.rollouts.environments import environments
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER
@@ -18,7 +18,7 @@ P = np.array([[2.0, 0.0], [-1.0, 0.0]])
 
 def test_pushes_come_at_their_step_and_a_wind_at_every_one():
     when, change = np.array([[1], [2]]), np.array([[[0.0, 0.5]], [[0.0, -0.5]]])
-    envs = replanning.Pushed(vector(DOUBLE_INTEGRATOR, 2), when, change, np.array([0.0, 0.1]))
+    envs = disturbed.Pushed(vector(DOUBLE_INTEGRATOR, 2), when, change, np.array([0.0, 0.1]))
     for _ in range(2):
         envs.reset(options={"parameters": P})
         speeds = []
@@ -30,9 +30,7 @@ def test_pushes_come_at_their_step_and_a_wind_at_every_one():
 
 def test_pushes_are_drawn_by_seed_over_the_duration_of_the_plan():
     durations = np.array([1.0, 5.0, 3.0])
-    (when, change), (again, same), (other, _) = (
-        replanning.pushes(VEHICLE, durations, 0.02, seed) for seed in (0, 0, 1)
-    )
+    (when, change), (again, same), (other, _) = (disturbed.pushes(VEHICLE, durations, 0.02, seed) for seed in (0, 0, 1))
     np.testing.assert_array_equal(when, again)
     np.testing.assert_array_equal(change, same)
     assert (when != other).any()
@@ -51,7 +49,7 @@ def test_pushes_are_drawn_by_seed_over_the_duration_of_the_plan():
     ],
 )
 def test_conditions_fit_the_problem(problem, names):
-    found = replanning.conditions(problem)
+    found = disturbed.conditions(problem)
     assert [condition.name for condition in found] == names
     for condition in found:
         environments(problem, 1, **condition.arguments)
