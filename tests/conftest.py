@@ -4,11 +4,18 @@ import sys
 import pytest
 from hypothesis import settings
 
+from ocp_envs.support import progress
 from tests.synthetic import fake_samples
 
 # Wall time says nothing about correctness, and machines are busy.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+@pytest.fixture(autouse=True)
+def _progress_is_not_shown():
+    """A command that a test runs in this process decides how it shows progress; the next test starts anew."""
+    progress.show(None)
 
 
 @pytest.fixture(scope="module")
