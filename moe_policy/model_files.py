@@ -5,8 +5,8 @@ the SHA-256 of the tensor file, so that a damaged file, or a pair of files from 
 carries a checksum of its own content, so that any edit is refused. Files of format version 1 were saved before this
 checksum was introduced and are read without it.
 
-Tensors of floating-point numbers are written in half precision where it represents every one of them exactly, as after
-``in_half_precision`` of a planner; otherwise in the precision that they have.
+Tensors of floating-point numbers are written in half or single precision where it represents every one of them exactly,
+as after ``rounded`` of a planner; otherwise in the precision that they have.
 """
 
 from __future__ import annotations
@@ -120,11 +120,15 @@ def write_model(
 
 
 def _smallest(array: NDArray[Any]) -> NDArray[Any]:
-    """``array`` in half precision where no floating-point number in it changes."""
+    """``array`` in half or single precision where no floating-point number in it changes."""
     if array.dtype.kind != "f":
         return array
-    half = in_half_precision(array)
-    return half.astype(np.float16) if np.array_equal(half, array, equal_nan=True) else array
+    for kind in (np.float16, np.float32):
+        with np.errstate(over="ignore"):
+            shorter = array.astype(kind)
+        if np.array_equal(shorter, array, equal_nan=True):
+            return shorter
+    return array
 
 
 def read_model(path: str | os.PathLike[str]) -> ModelFile:

@@ -139,7 +139,7 @@ def main() -> None:
     if arguments.ship:
         for name in benchmark.shipped:
             planner = load_file(paths[name], problem, kind=NetworkPlanner)
-            planner.in_half_precision().save(SHIPPED / problem.id / name)
+            planner.rounded().save(SHIPPED / problem.id / name)
     rows, sizes = trained.rows(), trained.sizes()
     record = TrainingComparison(
         settings=dataclasses.asdict(settings),

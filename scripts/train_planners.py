@@ -47,7 +47,7 @@ def main() -> None:
             began = time.perf_counter()
             chosen = samples[: benchmark.planners.stored] if name == "nearest" else samples
             planner = recipes.make(name, chosen, settings=settings, seed=seed, executor=pool, kept=kept)
-            planner.in_half_precision().save(arguments.models / problem.id / name)
+            planner.rounded().save(arguments.models / problem.id / name)
             cli.say(f"{name}: {len(chosen)} samples, {settings.epochs} epochs, {time.perf_counter() - began:.1f} s")
 
 

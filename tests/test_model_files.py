@@ -38,16 +38,16 @@ def test_a_loaded_planner_plans_the_same(planners, kind, samples_of_three_modes,
     assert sorted(p.name for p in (tmp_path / "new").iterdir()) == ["softmax-0.1.json", "softmax-0.1.safetensors"]
 
 
-@pytest.mark.parametrize("kind", ["single", "mixture", "nearest"])
-def test_a_planner_in_half_precision_takes_half_the_space_and_comes_back_as_it_was(planners, kind, tmp_path):
-    rounded = planners[kind].in_half_precision()
+@pytest.mark.parametrize(("kind", "part"), [("single", 0.75), ("mixture", 0.75), ("nearest", 0.5)])
+def test_a_rounded_planner_takes_less_space_and_comes_back_as_it_was(planners, kind, part, tmp_path):
+    rounded = planners[kind].rounded()
     planners[kind].save(tmp_path / "whole")
-    rounded.save(tmp_path / "half")
-    loaded, p = store.load_file(tmp_path / "half"), ocp_envs.sample(PENDULUM, seed=3, n=20)
+    rounded.save(tmp_path / "rounded")
+    loaded, p = store.load_file(tmp_path / "rounded"), ocp_envs.sample(PENDULUM, seed=3, n=20)
     np.testing.assert_array_equal(loaded(p).flat(), rounded(p).flat())
     np.testing.assert_allclose(loaded(p).flat(), planners[kind](p).flat(), rtol=0, atol=0.02)
-    sizes = [(tmp_path / f"{name}.safetensors").stat().st_size for name in ("half", "whole")]
-    assert sizes[0] < 0.75 * sizes[1]
+    sizes = [(tmp_path / f"{name}.safetensors").stat().st_size for name in ("rounded", "whole")]
+    assert sizes[0] < part * sizes[1]
 
 
 def test_numbers_that_half_precision_would_change_are_kept(tmp_path, planners):
@@ -232,10 +232,10 @@ every_shipped_file = pytest.mark.parametrize(
 
 
 @every_shipped_file
-def test_shipped_networks_and_trajectories_are_in_half_precision(path):
+def test_shipped_networks_are_in_half_precision_and_trajectories_are_packed(path):
     tensors = model_files.read_model(path).tensors
-    rounded = {name: array for name, array in tensors.items() if name.startswith("network.") or name == "trajectories"}
-    assert {array.dtype for array in rounded.values()} <= {np.dtype(np.float16)}
+    assert "trajectories" not in tensors
+    assert {array.dtype for name, array in tensors.items() if name.startswith("network.")} <= {np.dtype(np.float16)}
 
 
 @every_shipped_file

@@ -7,13 +7,15 @@ import os
 import numpy as np
 from numpy.typing import ArrayLike
 
-from moe_policy.model_files import ModelFile, Tensors, in_half_precision, write_model
+from moe_policy.model_files import ModelFile, Tensors, write_model
+from moe_policy.planners import fixed_point
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.checks import check_whole
 from ocp_envs.support.doors import checked
+from ocp_envs.system import Box
 from ocp_envs.trajectory import Trajectory
 
 
@@ -63,26 +65,43 @@ class NearestPlanner:
         """Number of values that take part in one plan."""
         return len(self.problem.parameters) + self.problem.flat_size
 
-    def in_half_precision(self) -> NearestPlanner:
-        """This planner with trajectories rounded to half precision (1 part in 2048), whose files are half as large."""
-        flat = in_half_precision(self.trajectory.flat())
-        return NearestPlanner(
-            Samples.of(self.problem, self.parameters, self.problem.unflatten(flat), self.mode), self.name
-        )
+    def rounded(self) -> NearestPlanner:
+        """This planner with trajectories rounded to about one part in 4096 of the range of each of their coordinates
+        and parameters rounded to single precision, whose files are a quarter as large. The shipped one is rounded like
+        this.
+        """
+        parameters = _in_single_precision(self.parameters, self.problem.parameters)
+        trajectory = fixed_point.rounded(self.trajectory)
+        return NearestPlanner(Samples.of(self.problem, parameters, trajectory, self.mode), self.name)
 
     @checked
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write ``<path>.safetensors`` and ``<path>.json``; trajectories in float32, parameters in float64."""
+        """Write ``<path>.safetensors`` and ``<path>.json``; parameters exactly, trajectories in float32 or, where they
+        are :meth:`rounded`, packed without any loss.
+        """
+        packed = fixed_point.packed(self.trajectory)
         tensors: Tensors = {
             "parameters": self.parameters,
-            "trajectories": self.trajectory.flat().astype(np.float32),
             "modes": self.mode.astype(np.int64),
+            **({"trajectories": self.trajectory.flat().astype(np.float32)} if packed is None else packed),
         }
         write_model(path, "nearest", self.problem, tensors, {"name": self.name})
 
 
+def _in_single_precision(parameters: Array, box: Box) -> Array:
+    """The ``parameters`` (M, np) as numbers of single precision that rounding does not move out of the ``box``."""
+    single = parameters.astype(np.float32)
+    below = np.nextafter(single, np.float32(-np.inf))
+    above = np.nextafter(single, np.float32(np.inf))
+    return np.where(single > box.upper, below, np.where(single < box.lower, above, single)).astype(np.float64)
+
+
 def read_nearest(file: ModelFile, problem: OptimalControlProblem) -> NearestPlanner:
     """The planner for ``problem`` that :meth:`NearestPlanner.save` wrote to ``file``."""
-    tensors, trajectory = file.tensors, problem.unflatten(file.tensors["trajectories"].astype(np.float64))
-    stored = Samples.of(problem, tensors["parameters"], trajectory, tensors["modes"])
+    tensors = file.tensors
+    if "trajectories" in tensors:
+        trajectory = problem.unflatten(tensors["trajectories"].astype(np.float64))
+    else:
+        trajectory = fixed_point.unpacked(tensors)
+    stored = Samples.of(problem, tensors["parameters"].astype(np.float64), trajectory, tensors["modes"])
     return NearestPlanner(stored, file.description["name"])

@@ -183,7 +183,7 @@ class NetworkPlanner:
             return self.parameters_total
         return self.network.gate.count + max(expert.count for expert in self.network.experts)
 
-    def in_half_precision(self) -> NetworkPlanner:
+    def rounded(self) -> NetworkPlanner:
         """This planner with weights rounded to half precision, whose files are half as large.
 
         It calculates in single precision still. Each weight changes by at most 1 part in 2048. The shipped planners are

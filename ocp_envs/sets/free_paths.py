@@ -22,6 +22,7 @@ from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
 
 from ocp_envs import tables
@@ -29,7 +30,8 @@ from ocp_envs.distribution import Blocked
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.solvers.guesses import guesses
 from ocp_envs.solvers.solver import GuardedSolver
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Ints
+from ocp_envs.support.packing import pack, unpack
 from ocp_envs.system import Expression
 from ocp_envs.trajectory import Trajectory
 
@@ -204,10 +206,16 @@ def shipped(problem: OptimalControlProblem) -> PathTable | None:
     names = [problem.system.state.names[i] for i in coordinates(problem)]
     if arrays["coordinates"].tolist() != names:
         return None
-    parameters, spines, unit, error, ratio = (
-        np.asarray(arrays[key], dtype=np.float64) for key in ("parameters", "spines", "unit", "error", "ratio")
+    parameters, unit, error, ratio = (
+        np.asarray(arrays[key], dtype=np.float64) for key in ("parameters", "unit", "error", "ratio")
     )
-    return PathTable(free.parameters.width, parameters, spines * unit, float(error), float(ratio))
+    spines = _whole(arrays).reshape(len(parameters), -1, *unit.shape) * unit
+    return PathTable(free.parameters.width, parameters, spines, float(error), float(ratio))
+
+
+def _whole(arrays: dict[str, NDArray[np.generic]]) -> Ints:
+    """What the spines in ``arrays`` of a file count in units; files that were made earlier hold it without packing."""
+    return arrays["spines"].astype(np.int64) if "spines" in arrays else unpack(arrays["packed"].tobytes())
 
 
 def _unit(spines: Array) -> Array:
@@ -223,12 +231,13 @@ def as_stored(spines: Array) -> Array:
 def ship(problem: OptimalControlProblem, table: PathTable) -> Path:
     """Write ``table`` into the package, as that of the free problem of ``problem``; the path of the file."""
     unit = _unit(table.spines)
+    whole = np.rint(table.spines / unit).astype(np.int64).reshape(*table.spines.shape[:2], -1)
     names = [problem.system.state.names[i] for i in coordinates(problem)]
     return tables.save(
         blocked(problem).free,
         TABLE,
         parameters=table.parameters,
-        spines=np.rint(table.spines / unit).astype(np.int16),
+        packed=np.frombuffer(pack(whole), np.uint8),
         unit=unit,
         error=np.array(table.error),
         ratio=np.array(table.ratio),

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
+from moe_policy.planners.nearest import NearestPlanner
 from ocp_envs.problems.pendulum import PENDULUM
 
 BOX = PENDULUM.parameters
@@ -35,3 +38,12 @@ def test_what_is_stored_can_be_learnt_from(planners, samples_of_three_modes):
 def test_stored_values_are_counted(planners):
     assert planners["nearest"].parameters_active == 2 + 75
     assert planners["nearest"].parameters_total == 150 * (2 + 75)
+
+
+def test_rounding_moves_no_parameter_out_of_its_box(planners):
+    corners = np.array([[0.0, -2.0], [2 * np.pi, 2.0], [0.1, 0.3]])
+    samples = planners["nearest"].samples()[:3]
+    rounded = NearestPlanner(dataclasses.replace(samples, parameters=corners)).rounded()
+    assert BOX.contains(rounded.parameters).all()
+    np.testing.assert_allclose(rounded.parameters, corners, rtol=1e-6)
+    np.testing.assert_array_equal(rounded.parameters.astype(np.float32), rounded.parameters)
