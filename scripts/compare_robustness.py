@@ -2,7 +2,8 @@
 
 The tracked optimum, the nearest neighbour, networks, reinforcement learners and the stabiliser run from the first
 validation parameters, on plants that differ in one respect at a time, through the common rollout loop; all plan with
-the nominal model. Optimal trajectories are solved once and stored in ``data/optimal/<env>``, the outcome of each level
+the nominal model, but for the first mixture with known constants, whose plans are solved for the constants of the plant
+where these differ. Optimal trajectories are solved once and stored in ``data/optimal/<env>``, the outcome of each level
 in ``data/robustness/<env>``, so that an interrupted command continues. What is stored is used again for the same
 problem, models, parameters, seed, plant and package versions alone; delete it after a change of the program. Writes
 ``robustness_<env>.json`` and ``.png``.
@@ -34,7 +35,15 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.figures.generalisation import robustness_figure
 from moe_policy.experiments.methods import shipped, solve_all, stabiliser
-from moe_policy.experiments.robustness import LevelRow, Plant, Robustness, estimated, plant_key, run_plant
+from moe_policy.experiments.robustness import (
+    Plant,
+    Robustness,
+    at_all_levels,
+    estimated,
+    informed,
+    plant_key,
+    run_plant,
+)
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.stored import StoredPlans
 from moe_policy.reports.records import read, write
@@ -59,15 +68,15 @@ def methods(problem: OptimalControlProblem) -> list[Method]:
     return [*shipped(problem), *stabiliser(problem)]
 
 
-def mixture(problem: OptimalControlProblem) -> Method:
-    """The first mixture of experts among the methods, or their first network."""
-    networks = [method for method in methods(problem) if isinstance(method.actor, NetworkPlanner)]
-    return next((each for each in networks if each.name.startswith("moe")), networks[0])
+def networks(problem: OptimalControlProblem) -> list[Method]:
+    """The networks among the methods, mixtures of experts first."""
+    found = [method for method in methods(problem) if isinstance(method.actor, NetworkPlanner)]
+    return sorted(found, key=lambda method: not method.name.startswith("moe"))
 
 
 def of_names(record: Robustness, problem: OptimalControlProblem) -> Robustness:
     """The rows of ``record`` that belong to the optimum and the first mixture of ``problem``."""
-    names = ("optimal", mixture(problem).name)
+    names = ("optimal", networks(problem)[0].name)
     return replace(record, rows=tuple(row for row in record.rows if row.outcome.name in names))
 
 
@@ -103,8 +112,10 @@ def work(task: Task, arguments: EnvArguments, path: Path) -> None:
     problem = ocp_envs.load(task.env_id)
     optimal = Method("optimal", StoredPlans(task.parameters, problem.unflatten(task.flat)))
     compared = [optimal, *methods(problem)]
+    if "constants" in arguments or not arguments:
+        compared += [informed(network, arguments) for network in networks(problem)[:1]]
     if task.estimated:
-        compared = estimated(problem, [optimal, mixture(problem)], arguments, DT)
+        compared = estimated(problem, [optimal, networks(problem)[0]], arguments, DT)
     rows = run_plant(problem, compared, task.parameters, arguments, seed=task.seed, dt=DT)
     write(path, Plant(arguments=arguments, rows=rows, cpu_seconds=time.process_time() - began))
 
@@ -133,18 +144,14 @@ def compare(
     perturbations = benchmark_of(problem).perturbations
     flat = solve_all(problem, parameters, keep=data / "optimal" / problem.id, workers=workers)[0].flat()
     same, folder = identity(problem, parameters, flat, seed), data / "robustness" / problem.id
-    same += ", estimated" * on_estimates
+    same += ", estimated" if on_estimates else ", constants known"
     plants = {(p.name, level): p.arguments(problem, level, DT) for p in perturbations for level in p.levels}
     paths = {key: folder / f"{plant_key(same, plant)}.json" for key, plant in plants.items()}
     # The nominal plants of all perturbations are one.
     task = Task(problem.id, parameters, flat, seed, on_estimates)
     work_all(task, {path: plants[key] for key, path in paths.items()}, workers)
     found = {path: read(path, Plant) for path in paths.values()}
-    rows = [
-        LevelRow(perturbation=name, level=level, outcome=row)
-        for (name, level), path in paths.items()
-        for row in found[path].rows
-    ]
+    rows = [row for p in perturbations for row in at_all_levels(p, [found[paths[p.name, lv]].rows for lv in p.levels])]
     return Robustness(
         env_id=problem.id,
         cases=len(parameters),

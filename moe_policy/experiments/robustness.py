@@ -16,6 +16,7 @@ import numpy as np
 
 from moe_policy.control.estimation import Estimated
 from moe_policy.experiments.perturbations import Perturbation
+from moe_policy.planners.repaired import Repaired
 from moe_policy.protocols import Policy
 from moe_policy.reports.records import ABSENT, Absent, Record, inline
 from moe_policy.reports.tables import Column, text_table
@@ -104,7 +105,7 @@ class Robustness(Record):
         return "\n".join(self._table(perturbation) for perturbation in self.perturbations)
 
     def _table(self, perturbation: Perturbation) -> str:
-        lines = [(name, self.rows_of(perturbation, name)) for name in self.methods]
+        lines = [(name, rows) for name in self.methods if (rows := self.rows_of(perturbation, name))]
         columns: list[Column[tuple[str, list[LevelRow]]]] = [
             Column(f"{perturbation.name}, {perturbation.unit}", lambda line: line[0]),
             *(Column(f"{level:g}", _successes(i)) for i, level in enumerate(perturbation.levels)),
@@ -149,6 +150,30 @@ def estimated(
         return Estimated(policy, problem, dt, delay=delay, noise=noise, disturbance=disturbance, offset=offset)
 
     return [Method(f"{method.name}, estimated", on_estimates(method.policy(problem, dt))) for method in methods]
+
+
+def informed(method: Method, arguments: EnvArguments) -> Method:
+    """The planner of ``method``, which knows the constants of the plant of ``arguments``: its plans are solved for it.
+
+    Raises:
+        TypeError: a method that is no planner.
+    """
+    if method.planner is None:
+        raise TypeError(f"{method.name}: expected a planner")
+    constants = {name: float(np.asarray(value)) for name, value in (arguments.get("constants") or {}).items()}
+    planner = Repaired(method.planner, constants=constants)
+    return Method(f"{method.name}, constants known", planner)
+
+
+def at_all_levels(perturbation: Perturbation, found: Sequence[Sequence[PlantRow]]) -> list[LevelRow]:
+    """The rows ``found`` at each level of ``perturbation``, of the methods that were run at all of them."""
+    names = [{row.name for row in rows} for rows in found]
+    return [
+        LevelRow(perturbation=perturbation.name, level=level, outcome=row)
+        for level, rows in zip(perturbation.levels, found)
+        for row in rows
+        if all(row.name in there for there in names)
+    ]
 
 
 def run_plant(

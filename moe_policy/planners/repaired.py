@@ -2,11 +2,14 @@
 
 A network's plan nearly solves its nonlinear program: it violates the dynamics, the goal and the path constraints by a
 few centimetres. A few iterations of an interior-point method from there remove most of this, in a fraction of the time
-of a solve from nothing.
+of a solve from nothing. The same iterations correct a plan for a plant whose constants differ from those of the model.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import numpy as np
 from numpy.typing import ArrayLike
 
 from moe_policy.planners.owner import planned_problem, plans_of
@@ -32,12 +35,13 @@ class Repaired:
             the initial state and at the goal. It keeps the path between the knots clear, too, at the price of a longer
             path.
         problem: what is planned for; by default the ``problem`` of the planner.
-        name: short name for tables; by default that of the planner with the number of iterations and the margin.
+        name: short name for tables; by default that of the planner with the number of iterations, the
+            margin and the constants.
 
     Raises:
         TypeError: a planner that cannot be called, or no numbers.
-        ValueError: a planner without a ``problem`` where none is given, or of another one; fewer than one iteration; or
-            a negative margin.
+        ValueError: a planner without a ``problem`` where none is given, or of another one; fewer than one iteration; a
+            negative margin; or a constant that the problem does not have, or that is one of its parameters.
     """
 
     @checked
@@ -47,6 +51,7 @@ class Repaired:
         iterations: int | None = None,
         *,
         margin: float = 0.0,
+        constants: Mapping[str, float] | None = None,
         problem: ProblemOrId | None = None,
         name: str | None = None,
     ) -> None:
@@ -57,15 +62,23 @@ class Repaired:
         if margin < 0:
             raise ValueError(f"margin: expected at least 0, got {margin}")
         self.planner, self.iterations, self.margin = planner, iterations, float(margin)
+        self.constants = dict(constants or {})
+        for constant, value in self.constants.items():
+            check_number(f"constants: {constant}", value)
+        self.problem.with_constants(**self.constants)  # refuses values with which the plant is not finite
+        self._model = self.problem.with_varied(**{key: (value, value) for key, value in self.constants.items()})
         effort = "" if iterations is None else f", {iterations} iteration{'s' if iterations > 1 else ''}"
         distance = f", margin {margin:g}" if margin else ""
-        self.name = name or f"{getattr(planner, 'name', 'planner')}, repaired{effort}{distance}"
+        plant = "".join(f", {constant} {value:g}" for constant, value in self.constants.items())
+        self.name = name or f"{getattr(planner, 'name', 'planner')}, repaired{effort}{distance}{plant}"
 
     def __repr__(self) -> str:
-        return f"Repaired({self.planner!r}, {self.iterations}, margin={self.margin:g})"
+        plant = f", constants={self.constants}" if self.constants else ""
+        return f"Repaired({self.planner!r}, {self.iterations}, margin={self.margin:g}{plant})"
 
     def __call__(self, p: ArrayLike) -> Trajectory:
         """Plans of parameters ``p`` (B, np) or (np,), their angles in any turn."""
         within, turns = self.problem.in_one_turn(p)
         plans = plans_of(self.planner, within)
-        return improve(self.problem, within, plans, self.iterations, self.margin).trajectory.shifted(turns)
+        extended = np.column_stack([within, *(np.full(len(within), value) for value in self.constants.values())])
+        return improve(self._model, extended, plans, self.iterations, self.margin).trajectory.shifted(turns)

@@ -14,7 +14,15 @@ import ocp_envs
 from moe_policy.experiments.benchmark import benchmark_of
 from moe_policy.experiments.comparison import run
 from moe_policy.experiments.figures import generalisation as figures
-from moe_policy.experiments.robustness import LevelRow, PlantRow, Robustness, plant_key, run_plant
+from moe_policy.experiments.robustness import (
+    LevelRow,
+    PlantRow,
+    Robustness,
+    at_all_levels,
+    informed,
+    plant_key,
+    run_plant,
+)
 from moe_policy.reports.records import read
 from moe_policy.score.method import Method
 from ocp_envs.problems.pendulum import PENDULUM
@@ -70,6 +78,22 @@ def test_equal_plants_are_one():
     distinct = sum(len(p.levels) - 1 for p in benchmark_of(PENDULUM).perturbations) + 1
     assert len(set(keys)) == distinct
     assert plant_key("another", {}) not in keys
+
+
+def test_a_planner_that_knows_the_constants_repairs_its_plans_for_them(stabiliser):
+    known = informed(Method("moe-custom", moe_policy.load(PENDULUM, "moe-custom")), {"constants": {"mass": 1.2}})
+    assert known.name == "moe-custom, constants known"
+    assert known.planner.constants == {"mass": 1.2}
+    with pytest.raises(TypeError, match="stabiliser: expected a planner"):
+        informed(stabiliser[0], {})
+
+
+def test_methods_that_were_not_run_at_all_levels_are_left_out(stabiliser):
+    delay = dataclasses.replace(of(PENDULUM, "delay"), levels=(0.0, 20.0))
+    plants = [run_plant(PENDULUM, stabiliser, STARTS, delay.arguments(PENDULUM, level)) for level in delay.levels]
+    more = dataclasses.replace(plants[0][0], name="constants known")
+    rows = at_all_levels(delay, [(*plants[0], more), plants[1]])
+    assert [(row.level, row.outcome) for row in rows] == [(0.0, plants[0][0]), (20.0, plants[1][0])]
 
 
 # -- the figure --------------------------------------------------------------------------------------------------------

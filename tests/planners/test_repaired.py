@@ -77,6 +77,26 @@ def test_impossible_efforts_are_refused(mixture, arguments, error, message):
         moe_policy.Repaired(mixture, **arguments)
 
 
+def test_plans_are_repaired_for_a_plant_with_other_constants(mixture, monkeypatch):
+    monkeypatch.setattr(improvement, "lent_solvers", lambda problem: Loans(partial(Solver, problem), 1))
+    heavy = PENDULUM.with_constants(mass=1.2 * PENDULUM.system.constants["mass"])
+    repaired = moe_policy.Repaired(mixture, constants={"mass": heavy.system.constants["mass"]})
+    assert repaired.problem is PENDULUM
+    assert verify(heavy, P, repaired(P)).passed.all()
+    assert not verify(heavy, P, mixture(P)).passed.any()
+
+
+def test_constants_that_the_plant_does_not_have_are_refused(mixture):
+    with pytest.raises(ValueError, match="weight"):
+        moe_policy.Repaired(mixture, constants={"weight": 1.0})
+    with pytest.raises(TypeError, match="constants"):
+        moe_policy.Repaired(mixture, constants={"mass": "heavy"})
+
+
+def test_constants_are_part_of_the_name(mixture):
+    assert moe_policy.Repaired(mixture, constants={"mass": 1.2}).name == "moe-custom, repaired, mass 1.2"
+
+
 def test_a_margin_is_part_of_the_name(mixture):
     assert moe_policy.Repaired(mixture, 1, margin=0.05).name == "moe-custom, repaired, 1 iteration, margin 0.05"
     assert moe_policy.Repaired(mixture, name="r").name == "r"

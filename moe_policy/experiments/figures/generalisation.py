@@ -126,8 +126,10 @@ def _draw_violation(axes: Axes, rows: Sequence[LevelRow], color: str) -> None:
 
 
 def _draw_line(axes: Axes, rows: Sequence[LevelRow], values: Sequence[float], color: str) -> None:
+    """A line with the ``values`` of ``rows``; a variant of a method, such as ``"snn, estimated"``, has open markers."""
     levels, label = [row.level for row in rows], rows[0].outcome.name
-    axes.plot(levels, values, color=color, linewidth=1.2, marker="o", markersize=2.5, label=label)
+    face, size = ("w", 4.0) if ", " in label else (color, 2.5)
+    axes.plot(levels, values, color=color, linewidth=1.2, marker="o", mfc=face, markersize=size, label=label)
 
 
 @dataclass(frozen=True)
@@ -175,7 +177,8 @@ def robustness_figure(path: str | Path, record: Robustness) -> Path:
 def draw_panel(axes: Axes, record: Robustness, perturbation: Perturbation, metric: Metric) -> None:
     """Draw ``metric`` of all methods in ``record`` against the level of ``perturbation``."""
     for name, look in looks(record.methods).items():
-        metric.draw(axes, record.rows_of(perturbation, name), look["color"])
+        if rows := record.rows_of(perturbation, name):
+            metric.draw(axes, rows, look["color"])
     axes.set_ylim(*metric.limits)  # before the scale of x: the limits of x follow from the linear one
     levels = perturbation.levels
     if levels[0] == 0 and levels[-1] > _WIDE * levels[1]:
