@@ -1,3 +1,5 @@
+from ocp_envs.data.beyond import Beyond as Beyond
+from ocp_envs.data.beyond import beyond as beyond
 from ocp_envs.data.checkup import Checkup as Checkup
 from ocp_envs.data.checkup import Finding as Finding
 from ocp_envs.data.checkup import check as check

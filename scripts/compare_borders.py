@@ -26,7 +26,7 @@ from moe_policy.planners.network import NetworkPlanner
 from moe_policy.reports.records import read, write
 from moe_policy.reports.tables import text_table
 from moe_policy.score.method import Method
-from ocp_envs.data.beyond import beyond
+from ocp_envs.data.beyond import MARGIN, beyond
 from ocp_envs.data.continuation import continued
 from ocp_envs.data.database import Database
 from ocp_envs.sets.discontinuity import relative_cost_difference
@@ -35,8 +35,8 @@ from ocp_envs.sets.splits import sets_of
 from ocp_envs.support.arrays import Array, Ints
 from ocp_envs.support.provenance import provenance
 
-#: Largest excess of the cost of a family beyond its border, and the seed of the instances at the discontinuity.
-MARGIN, SEED = 0.1, 808
+#: Seed of the instances at the discontinuity.
+SEED = 808
 
 
 def at_the_discontinuity(database: Database, trained: Ints, folder: Path, workers: int | None) -> Array:
@@ -103,7 +103,7 @@ def main() -> None:
     parts = families_of(samples, continuation)
     labels = Labels(parts.values, tuple(f"family {i}" for i in range(parts.values.max() + 1)), "continuation")
     began = time.perf_counter()
-    found = beyond(samples, labels.values, continuation.pairs, MARGIN)
+    found = beyond(samples, labels.values, pairs=continuation.pairs)
     seconds = time.perf_counter() - began
     cli.say(f"{len(found.rows)} trajectories beyond a border, of {found.solves} solves, {seconds:.0f} s")
     trial = Trial(Mixtures(samples, labels, found, settings), cases, kept)

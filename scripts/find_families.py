@@ -35,7 +35,7 @@ def gaps_of(samples: Samples, continuation: Continuation, parts: Parts) -> tuple
     if not parts.values.any():
         return ABSENT, None
     began = time.perf_counter()
-    found = beyond(samples, parts.values, continuation.pairs, MARGIN)
+    found = beyond(samples, parts.values, MARGIN, pairs=continuation.pairs)
     return Gaps.of(samples, found, MARGIN, time.perf_counter() - began), found.cost
 
 

@@ -35,6 +35,7 @@ from tests.door_values import (
     planner,
     policy,
     sac,
+    unsolved,
 )
 from tests.small_problems import DOUBLE_INTEGRATOR
 
@@ -90,6 +91,7 @@ CALLS: dict[str, dict[str, Callable[[], Any]]] = {
         "parameter": lambda: "radius",
         "margin": lambda: 0.1,
     },
+    "beyond": {"families": lambda: SAMPLES.mode, "solve": lambda: unsolved},
     "check": {"instances": lambda: 1},
     "cluster": {"method": lambda: "custom"},
     "compare": {"clusters": lambda: [2], "test": lambda: 2, "development": lambda: 2, "repaired": lambda: False},

@@ -18,7 +18,7 @@ from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
 from ocp_envs.solvers.nlp import Status
 from tests.closed_loop import constant
 from tests.small_problems import DOUBLE_INTEGRATOR
-from tests.synthetic import fake_samples
+from tests.synthetic import beyond_borders, fake_samples
 
 P = np.array([[1.0, 0.5], [2.0, -0.5]])
 SAMPLES = fake_samples(12, modes=3)
@@ -145,12 +145,17 @@ def _in_the_middle(rng: np.random.Generator) -> Any:
     return [0.0, 0.0]
 
 
+def unsolved(p: Any, guess: Any) -> Any:
+    return guess, np.full(len(p), np.inf)
+
+
 #: A value of each dataclass whose fields depend on each other.
 VALUES: dict[str, Callable[[], Any]] = {
     "Actor": actor,
     "Architecture": lambda: moe_policy.Architecture((4,), (4,), moe_policy.Experts((4,), (4,))),
     "Ball": lambda: ocp_envs.Ball([0.0, 0.0], 1.0),
     "Blocked": lambda: QUADCOPTER_OBSTACLE.distribution,
+    "Beyond": lambda: beyond_borders(SAMPLES, SAMPLES.mode, [0]),
     "Belief": lambda: moe_policy.Estimated(policy()).start(P).belief,
     "Box": lambda: PENDULUM.parameters,
     "Between": lambda: ocp_envs.Between(0.0, 1.0),

@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ocp_envs.data.beyond import Beyond
 from ocp_envs.data.samples import Samples
 from ocp_envs.problems.pendulum import PENDULUM
 from ocp_envs.problems.quadcopter import QUADCOPTER_OBSTACLE
+from ocp_envs.support.arrays import Ints
 from ocp_envs.trajectory import Trajectory
 
 
@@ -31,6 +33,15 @@ def fake_samples(count: int = 400, seed: int = 0, jump: float = 2 * np.pi, modes
     states = p[:, None] * (1 - progress) + goal[:, None] * progress
     controls = np.cos(p[:, :1] + progress[:-1, 0])[..., None] * p[:, 1:, None] / 2
     return Samples.of(PENDULUM, p, Trajectory(states, controls, 3 + 0.2 * p[:, 1]), mode)
+
+
+def beyond_borders(samples: Samples, families: Ints, rows: Ints) -> Beyond:
+    """Trajectories of the next of the ``families`` (M,) at some ``rows`` of ``samples``, at little more cost."""
+    rows, k = np.asarray(rows), int(families.max()) + 1
+    other = (families[rows] + 1) % k
+    cost = np.where(np.arange(k) == families[:, None], 1.0, np.inf)
+    cost[rows, other] = 1.05
+    return Beyond(cost, rows, other, samples.trajectory[rows], 2 * len(rows))
 
 
 def flights(count: int = 40, active: bool = True) -> Samples:

@@ -19,11 +19,11 @@ from torch import Tensor
 
 from moe_policy.learning.architectures import architecture_of, layer_sizes
 from moe_policy.learning.clustering import Labels
-from moe_policy.learning.examples import Examples, Split
 from moe_policy.learning.fitting import Objective, minimise
-from moe_policy.learning.parts import FIRST_EXPERT, GATE, batch_order, initial_network
+from moe_policy.learning.parts import GATE, batch_order, initial_network
 from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import TrainingSettings
+from moe_policy.learning.training import experts_of
 from moe_policy.planners.modules import MixtureModule, SingleModule
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX
@@ -73,27 +73,8 @@ class Mixtures:
 
     def _experts(self, data: Prepared, further: bool) -> list[Trained]:
         """An expert for each family, on its own instances or ``further``."""
-        examples, family = self._examples(data) if further else (data.examples, self.labels.values)
-        whole, sizes = dataclasses.replace(data, examples=examples), self.labels.sizes
-        architecture, average = architecture_of(data.problem), len(self.labels) / self.labels.k
-        trained = []
-        for i, size in enumerate(sizes):
-            hidden = architecture.expert(int(size), average, self.labels.method)
-            part = whole.regressor(f"expert {i}", hidden, FIRST_EXPERT + i, examples.split.within(family == i))
-            trained.append(part.train())
-        return trained
-
-    def _examples(self, data: Prepared) -> tuple[Examples, np.ndarray]:
-        """The examples of all instances and of the trajectories beyond borders, and the family of each."""
-        own, rows = data.examples, self.found.rows
-        y = data.outputs.scale(self.found.trajectory.flat()).astype(np.float32)
-        further = np.arange(len(rows)) + len(own.x)
-        tests = np.isin(rows, own.split.test)  # of an instance that tests, all trajectories do
-        split = Split(
-            np.concatenate([own.split.training, further[~tests]]), np.concatenate([own.split.test, further[tests]])
-        )
-        examples = Examples(np.concatenate([own.x, own.x[rows]]), np.concatenate([own.y, y]), split)
-        return examples, np.concatenate([self.labels.values, self.found.family])
+        parts = experts_of(data, self.labels, architecture_of(data.problem), self.found if further else None)
+        return [part.train() for part in parts]
 
     def _on_regret(self, data: Prepared) -> Trained:
         """The gate that minimises the mean regret."""

@@ -73,6 +73,16 @@ class Examples:
         split = Split(place[: len(training)], place[len(training) :])
         return Examples(self.x[rows], self.y[rows], split)
 
+    def with_further(self, rows: Ints, y: NDArray[np.float32]) -> Examples:
+        """The examples and E more, with the inputs of ``rows`` (E,) and the wanted outputs ``y`` (E, n), at the end.
+
+        They train where their row does, and test where it does.
+        """
+        own, more = self.split, np.arange(len(rows)) + len(self.x)
+        tests = np.isin(rows, own.test)
+        split = Split(np.concatenate([own.training, more[~tests]]), np.concatenate([own.test, more[tests]]))
+        return Examples(np.concatenate([self.x, self.x[rows]]), np.concatenate([self.y, y]), split)
+
     def test_loss(self, loss: Loss, epoch: int = 0) -> float:
         """Mean of ``loss`` at ``epoch`` over the test split, without gradients."""
         (x, y), total = self.tensors, 0.0

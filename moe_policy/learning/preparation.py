@@ -21,6 +21,7 @@ from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import Mixing
 from moe_policy.planners.record import PartReport, TrainingReport
 from moe_policy.planners.scaling import Standardizer, blocks
+from ocp_envs.data.beyond import Beyond
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array, Ints, scratch
@@ -88,6 +89,24 @@ class Prepared:
         inputs, outputs = scalers or (_fitted(parameters, split.training), _fitted(flat, split.training))
         examples = Examples(_scaled(inputs, parameters, count), _scaled(outputs, flat, count), split)
         return cls(samples.problem, settings, seed, inputs, outputs, examples, checkpoints)
+
+    def with_beyond(self, families: Ints, beyond: Beyond | None) -> tuple[Prepared, Ints]:
+        """These examples and the trajectories ``beyond`` the borders of the ``families`` (M,), and the family of each.
+
+        Raises:
+            ValueError: trajectories of other samples or families.
+        """
+        if beyond is None:
+            return self, families
+        count, k = len(families), int(families.max()) + 1
+        if beyond.cost.shape != (count, k):
+            raise ValueError(
+                f"beyond: expected trajectories of {k} families of {count} samples, got costs of shape "
+                f"{beyond.cost.shape}; make it from these samples and labels"
+            )
+        y = self.outputs.scale(beyond.trajectory.flat()).astype(np.float32)
+        examples = self.examples.with_further(beyond.rows, y)
+        return dataclasses.replace(self, examples=examples), np.concatenate([families, beyond.family])
 
     def checkpoint(self, name: str) -> Path | None:
         """The checkpoint of the part called ``name``."""

@@ -16,6 +16,7 @@ from moe_policy.learning.training import fit_mixture, fit_single
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Mixing, Softmax
+from ocp_envs.data.beyond import beyond
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
 
 PRINCIPAL_COMPONENTS = 5
@@ -29,8 +30,8 @@ FORMS: Mapping[str, str] = MappingProxyType(
         "moe-custom": "a mixture over the problem's own solution families, trained decoupled",
         "moe-kmeans-<k>": "the same over k-means clusters of the trajectories",
         "moe-kmeans-pca-<k>": f"the same after a projection on {PRINCIPAL_COMPONENTS} principal components",
-        "moe-auto": "the same over solution families that continuation finds; where it finds one, one network or, with "
-        f"path constraints, moe-reaction-{SIDES}",
+        "moe-auto": "the same over solution families that continuation finds, whose experts also learn their family "
+        f"beyond its border; where it finds one, one network or, with path constraints, moe-reaction-{SIDES}",
         "moe-auto-<k>": "the same over these families, split further into k parts",
         "moe-reaction-<k>": "the same over k sides of the path constraints, with experts that begin as one network",
         "moe-random": "a mixture with as many experts as moe-custom, trained jointly from random weights",
@@ -108,7 +109,8 @@ def make(
             return fit_single(database, name=name, **how)
         if labels.k == 1:  # one family, but steep where its optimum swings to another side of a constraint
             return _by_sides(database, SIDES, name, executor, how)
-        return fit_mixture(database, labels, executor=executor, name=name, **how)
+        further = beyond(database, labels.values)
+        return fit_mixture(database, labels, executor=executor, name=name, beyond=further, **how)
     if found := re.fullmatch(r"moe-reaction-(\d+)", name):
         return _by_sides(database, int(found[1]), name, executor, how)
     if name == "moe-random":

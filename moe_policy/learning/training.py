@@ -12,6 +12,8 @@ from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from moe_policy.learning.architectures import Architecture, Hidden, architecture_of, layer_sizes
 from moe_policy.learning.clustering import Labels
 from moe_policy.learning.parts import FIRST_EXPERT, GATE, Part, train_parts, weights_of
@@ -21,6 +23,7 @@ from moe_policy.planners.modules import MixtureModule
 from moe_policy.planners.network import NetworkPlanner
 from moe_policy.planners.networks import ARGMAX, Mixing
 from moe_policy.planners.record import PartReport
+from ocp_envs.data.beyond import Beyond
 from ocp_envs.data.samples import Samples, SampleSource
 from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.checks import check_number
@@ -83,6 +86,7 @@ def fit_mixture(
     executor: Executor | None = None,
     checkpoints: Path | None = None,
     together: float = 0.0,
+    beyond: Beyond | None = None,
 ) -> NetworkPlanner:
     """Train the gate on the clusters and each expert on its own cluster (decoupled).
 
@@ -99,6 +103,8 @@ def fit_mixture(
         checkpoints: folder of its checkpoints, as in :func:`fit_single`.
         together: fraction of the epochs, at least 0 and below 1, in which all experts of equal layers are one network,
             which learns all samples; where clusters are parts of one family, experts begin with what they share.
+        beyond: trajectories of each cluster at samples of others, from :func:`ocp_envs.beyond` with the values of
+            ``labels``, which its expert learns as well: where costs differ little, the gate may choose either.
 
     Raises:
         CheckpointError, FloatingPointError: as :func:`fit_single` does.
@@ -107,30 +113,41 @@ def fit_mixture(
             samples.
     """
     data = Prepared.of(database, settings, seed, checkpoints=checkpoints)
-    parts = _decoupled(data, labels, architecture or architecture_of(data.problem))
+    parts = _decoupled(data, labels, architecture or architecture_of(data.problem), beyond)
     first: list[PartReport] = []
     if together:
         parts, first = _begun_together(data, parts, together, executor)
     (gate, *experts), own = zip(*train_parts(parts, executor))
     reports = [*own, *first]
-    clusters = {
+    clusters: dict[str, object] = {
         "method": labels.method,
         "names": list(labels.names),
         "sizes": labels.sizes.tolist(),
         "settings": dict(labels.settings),
     } | ({"together": together} if together else {})
+    if beyond is not None:
+        clusters["beyond"] = np.bincount(beyond.family, minlength=labels.k).tolist()
     default = f"moe-{labels.method}" + (f"-{labels.k}" if labels.method.startswith("kmeans") else "")
     return data.planner(name or default, MixtureModule(gate, experts), mixing, reports, clusters=clusters)
 
 
-def _decoupled(data: Prepared, labels: Labels, architecture: Architecture) -> list[Part]:
-    """The gate and the experts of a mixture over ``labels``."""
-    samples, split = len(data.examples.x), data.examples.split
+def _decoupled(data: Prepared, labels: Labels, architecture: Architecture, beyond: Beyond | None) -> list[Part]:
+    """The gate and the experts of a mixture over ``labels``, which learn the trajectories ``beyond`` as well."""
+    samples = len(data.examples.x)
     if len(labels) != samples:
         raise ValueError(f"got labels of {len(labels)} samples for {samples} samples; cluster this database")
-    parts = [data.classifier("gate", architecture.gate, GATE, labels.values, labels.k)]
+    gate = data.classifier("gate", architecture.gate, GATE, labels.values, labels.k)
+    return [gate, *experts_of(data, labels, architecture, beyond)]
+
+
+def experts_of(data: Prepared, labels: Labels, architecture: Architecture, beyond: Beyond | None = None) -> list[Part]:
+    """The experts of a mixture over ``labels``: with the layers of the ``architecture``, each learns its own cluster of
+    the samples ``data`` and, where they are given, trajectories ``beyond``.
+    """
+    data, family = data.with_beyond(labels.values, beyond)
+    parts = []
     for i, size in enumerate(labels.sizes):
-        own = split.within(labels.values == i)
+        own = data.examples.split.within(family == i)
         if len(own.training) == 0:
             raise ValueError(f"cluster {i} ({labels.names[i]}) of {size} has no training sample; use fewer clusters")
         hidden = architecture.expert(int(size), len(labels) / labels.k, labels.method)

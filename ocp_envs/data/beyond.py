@@ -14,18 +14,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocp_envs.data.continuation import DISTANCE, distance
-from ocp_envs.data.samples import Samples
+from ocp_envs.data.neighbours import neighbour_pairs
+from ocp_envs.data.samples import Samples, SampleSource, samples_of
 from ocp_envs.data.worker import start_from
 from ocp_envs.solvers.check import residuals
 from ocp_envs.solvers.guesses import NEAREST_WINDING
 from ocp_envs.solvers.solver import OF_MANY_GUESSES, GuardedSolver
 from ocp_envs.support.arrays import Array, Bools, Ints
+from ocp_envs.support.checks import check_number
+from ocp_envs.support.doors import checked
 from ocp_envs.trajectory import Trajectory
 
+#: Largest excess of the cost beyond a border, and neighbours along which families are continued.
+MARGIN, _NEIGHBOURS = 0.1, 8
 #: (parameters (B, np), guesses) → trajectories, their costs (B,), +inf where nothing was found.
 Continue = Callable[[Array, Trajectory], tuple[Trajectory, Array]]
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Beyond:
     """The best trajectories of k families of M samples.
@@ -44,6 +50,12 @@ class Beyond:
     trajectory: Trajectory
     solves: int
 
+    def __repr__(self) -> str:
+        samples, families = self.cost.shape
+        return (
+            f"<Beyond: {len(self.rows)} trajectories of {families} families of {samples} samples, {self.solves} solves>"
+        )
+
     @property
     def excess(self) -> Array:
         """The value gap (J_k − J*) / |J*| of every family at every sample, (M, k); +inf where it is not known."""
@@ -51,19 +63,37 @@ class Beyond:
         return np.asarray((self.cost - best) / np.abs(best))
 
 
-def beyond(samples: Samples, families: Ints, pairs: Ints, margin: float, solve: Continue | None = None) -> Beyond:
-    """Continue the ``families`` (M,), 0 … k − 1, of M ``samples`` along ``pairs`` (E, 2) of neighbours.
+@checked
+def beyond(
+    database: Samples | SampleSource,
+    families: Ints,
+    margin: float = MARGIN,
+    *,
+    pairs: Ints | None = None,
+    solve: Continue | None = None,
+) -> Beyond:
+    """Continue the ``families`` of samples across their borders.
 
     Args:
-        samples: optimal trajectories.
-        families: of each.
-        pairs: rows of neighbouring samples.
+        database: a Database or its samples, M of them.
+        families: of each, (M,) integers in 0 … k − 1, such as the values of :func:`moe_policy.cluster`.
         margin: largest excess of the cost over the best one, relative to it.
+        pairs: rows of neighbouring samples, (E, 2); by default each and its eight nearest in p, every coordinate
+            divided by the width of its box.
         solve: continues trajectories; by default the solver, in a process of its own.
+
+    Raises:
+        ValueError: families that are not one for each sample, or a margin that is not above 0.
     """
+    samples, families = samples_of(database), np.asarray(families)
+    check_number("margin", margin, "a number above 0", 0.0)
+    if families.shape != (len(samples),) or families.min() < 0:
+        raise ValueError(f"families: expected integers ({len(samples)},) from 0, got {families!r:.99}")
+    if pairs is None:
+        pairs = neighbour_pairs(samples.problem.parameters, samples.parameters, _NEIGHBOURS)
     if solve is None:
         with GuardedSolver(samples.problem, OF_MANY_GUESSES) as solver:
-            return beyond(samples, families, pairs, margin, _by(solver))
+            return beyond(samples, families, margin, pairs=pairs, solve=_by(solver))
     search = _Search(samples, families, margin, solve)
     both = np.concatenate([pairs, pairs[:, ::-1]])
     length = np.linalg.norm(

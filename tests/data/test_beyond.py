@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from ocp_envs.data.beyond import beyond
 from ocp_envs.data.neighbours import neighbour_pairs
@@ -44,7 +45,7 @@ def continuing(monkeypatch, ends=np.inf):
 
 def test_families_are_continued_as_far_as_their_cost_is_within_the_margin(monkeypatch):
     samples, families, pairs = along_a_line()
-    found = beyond(samples, families, pairs, 0.35, continuing(monkeypatch))
+    found = beyond(samples, families, 0.35, pairs=pairs, solve=continuing(monkeypatch))
     x = samples.parameters[:, 0]
     np.testing.assert_array_equal(np.isfinite(found.cost), np.stack([x < 0.36, x > -0.36], axis=1))
     np.testing.assert_allclose(found.excess[np.isfinite(found.cost)].max(), 0.3)
@@ -54,12 +55,18 @@ def test_families_are_continued_as_far_as_their_cost_is_within_the_margin(monkey
 
 def test_a_family_ends_where_its_trajectory_leads_to_that_of_another(monkeypatch):
     samples, families, pairs = along_a_line()
-    found = beyond(samples, families, pairs, 0.35, continuing(monkeypatch, ends=0.15))
+    found = beyond(samples, families, 0.35, pairs=pairs, solve=continuing(monkeypatch, ends=0.15))
     assert np.abs(samples.parameters[found.rows, 0]).max() < 0.15
     assert found.solves > len(found.rows)
 
 
 def test_without_borders_nothing_is_solved(monkeypatch):
     samples, families, pairs = along_a_line()
-    found = beyond(samples, np.zeros_like(families), pairs, 0.35, continuing(monkeypatch))
+    found = beyond(samples, np.zeros_like(families), 0.35, pairs=pairs, solve=continuing(monkeypatch))
     assert (found.solves, len(found.rows), found.cost.shape) == (0, 0, (COUNT, 1))
+
+
+@pytest.mark.parametrize("wrong", [[0, 1], np.full(COUNT, -1)])
+def test_families_that_are_not_one_for_each_sample_are_refused(wrong):
+    with pytest.raises(ValueError, match=r"families: expected integers \(21,\)"):
+        beyond(along_a_line()[0], wrong)

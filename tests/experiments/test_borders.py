@@ -3,12 +3,10 @@ import pytest
 
 from moe_policy.experiments.borders import BORDER_COLUMNS, VARIANTS, BorderModel, BorderRow, Mixtures
 from moe_policy.learning.clustering import cluster
-from moe_policy.learning.preparation import Prepared
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.learning.training import fit_mixture
 from moe_policy.reports.tables import markdown_table
-from ocp_envs.data.beyond import Beyond
-from tests.synthetic import fake_samples
+from tests.synthetic import beyond_borders, fake_samples
 from tests.trainings import equal, weights
 
 SETTINGS = TrainingSettings(epochs=3)
@@ -17,11 +15,8 @@ SETTINGS = TrainingSettings(epochs=3)
 @pytest.fixture(scope="module")
 def mixtures():
     samples = fake_samples(200)
-    labels, rows = cluster(samples, "custom"), np.arange(0, 200, 10)
-    cost = np.where(np.arange(2) == labels.values[:, None], 1.0, np.inf)
-    cost[rows] = np.minimum(cost[rows], 1.05)
-    found = Beyond(cost, rows, 1 - labels.values[rows], samples.trajectory[rows], 40)
-    return Mixtures(samples, labels, found, SETTINGS)
+    labels = cluster(samples, "custom")
+    return Mixtures(samples, labels, beyond_borders(samples, labels.values, np.arange(0, 200, 10)), SETTINGS)
 
 
 @pytest.fixture(scope="module")
@@ -50,15 +45,6 @@ def test_experts_and_gates_are_those_of_the_name(planners):
     assert equal(experts[own], experts[regret])
     assert equal(experts[beyond], experts[both])
     assert not equal(experts[own], experts[beyond])
-
-
-def test_trajectories_of_an_instance_that_tests_test_as_well(mixtures):
-    data = Prepared.of(mixtures.samples, SETTINGS, 0)
-    examples, family = mixtures._examples(data)
-    assert len(examples.x) == len(family) == 220
-    of_tests = np.isin(mixtures.found.rows, data.examples.split.test)
-    np.testing.assert_array_equal(np.isin(np.arange(200, 220), examples.split.test), of_tests)
-    np.testing.assert_array_equal(examples.y[200:], data.examples.y[mixtures.found.rows])
 
 
 def test_a_row_has_the_median_and_range_over_the_seeds():

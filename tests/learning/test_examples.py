@@ -47,6 +47,15 @@ def test_examples_that_all_take_part_are_not_copied():
     assert whole.tensors[0].data_ptr() == whole.x.ctypes.data
 
 
+def test_further_examples_train_or_test_as_their_row_does():
+    whole = examples(Split(np.array([0, 1, 3, 4, 6, 7, 8, 9]), np.array([2, 5])))
+    more = whole.with_further(np.array([5, 1, 2]), np.array([[-5], [-1], [-2]], dtype=np.float32))
+    np.testing.assert_array_equal(more.x[:, 0], [*range(10), 5, 1, 2])
+    np.testing.assert_array_equal(more.y[:, 0], [*range(0, 100, 10), -5, -1, -2])
+    assert more.split.training.tolist() == [*whole.split.training, 11]
+    assert more.split.test.tolist() == [2, 5, 10, 12]
+
+
 def test_the_test_loss_is_a_mean_over_rows_whatever_their_number():
     count = 20_000  # more than are evaluated at once
     x = np.random.default_rng(0).random((count, 1)).astype(np.float32)

@@ -9,7 +9,7 @@ from moe_policy.learning.recipes import FORMS, PRINCIPAL_COMPONENTS, make
 from moe_policy.learning.settings import TrainingSettings
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.networks import ARGMAX, MixtureOfExperts, SingleNetwork, Softmax
-from tests.synthetic import FakeDatabase, fake_samples, flights
+from tests.synthetic import FakeDatabase, beyond_borders, fake_samples, flights
 from tests.trainings import equal, weights
 
 QUICK = TrainingSettings(epochs=3)
@@ -52,10 +52,12 @@ def test_the_families_of_moe_auto_are_those_that_continuation_finds(monkeypatch,
         return Labels(SAMPLES.mode, ("family 0", "family 1", "family 2"), method)
 
     monkeypatch.setattr(recipes, "cluster", found)
+    monkeypatch.setattr(recipes, "beyond", lambda samples, families: beyond_borders(samples, families, [5, 9]))
     planners = [make(name, SAMPLES, settings=QUICK, kept=tmp_path) for name in ("moe-auto", "moe-auto-3")]
     assert asked == [("continuation", None, tmp_path), ("continuation", 3, tmp_path)]
     assert [planner.name for planner in planners] == ["moe-auto", "moe-auto-3"]
     assert planners[0].details["clusters"]["method"] == "continuation"
+    assert sum(planners[0].details["clusters"]["beyond"]) == 2
 
 
 def test_where_continuation_finds_one_family_moe_auto_is_the_single_network(monkeypatch):

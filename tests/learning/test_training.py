@@ -18,7 +18,7 @@ from moe_policy.planners.prediction_error import standardised_error, validation_
 from moe_policy.planners.scaling import Standardizer
 from ocp_envs.problems.quadcopter import QUADCOPTER
 from ocp_envs.support.pool import WorkerPool
-from tests.synthetic import FakeDatabase, fake_samples
+from tests.synthetic import FakeDatabase, beyond_borders, fake_samples
 from tests.trainings import QUICK, equal, weights
 
 
@@ -246,3 +246,19 @@ def test_experts_that_begin_together_know_what_all_samples_share(samples):
 def test_experts_cannot_be_together_for_all_epochs_or_none(samples, together):
     with pytest.raises(ValueError, match="together"):
         fit_mixture(samples, cluster(samples, "custom"), settings=QUICK, together=together)
+
+
+def test_experts_learn_their_family_beyond_its_border_and_the_gate_does_not(samples):
+    labels = cluster(samples, "custom")
+    found = beyond_borders(samples, labels.values, np.arange(0, len(samples), 7))
+    usual, further = (fit_mixture(samples, labels, settings=QUICK, beyond=each) for each in (None, found))
+    changed = {key: not np.array_equal(value, weights(further)[key]) for key, value in weights(usual).items()}
+    assert {key for key, value in changed.items() if not value} == {key for key in changed if "gate" in key}
+    assert further.details["clusters"]["beyond"] == np.bincount(found.family, minlength=labels.k).tolist()
+
+
+def test_trajectories_beyond_the_borders_of_other_families_are_refused(samples):
+    labels = cluster(samples, "custom")
+    found = beyond_borders(samples, labels.values, np.array([0]))
+    with pytest.raises(ValueError, match="beyond: expected trajectories of"):
+        fit_mixture(samples, labels, settings=QUICK, beyond=dataclasses.replace(found, cost=found.cost[1:]))
