@@ -1,4 +1,4 @@
-"""README and the page of results tell the truth: tables, links, code and tree."""
+"""README, the page of results and the documentation tell the truth: tables, links, code and tree."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ def _script(name):
 
 
 PAGES = {page: (ROOT / page).read_text(encoding="utf-8") for page in _script("render_readme").PAGES}
-README = PAGES["README.md"]
 #: All pages, those without tables too.
 TEXTS = PAGES | {
     f"docs/{path.name}": path.read_text(encoding="utf-8")
@@ -132,8 +131,8 @@ def test_marked_code_runs(page, tmp_path):
 
 def _tree():
     """Paths of the tree, folders with a slash at the end."""
-    block = TREE.search(README)
-    assert block, "README has no code block after a line <!-- tree -->"
+    block = TREE.search(TEXTS["docs/contributing.md"])
+    assert block, "docs/contributing.md has no code block after a line <!-- tree -->"
     paths, folders = [], []
     for line in block[1].splitlines():
         if not line.strip():
