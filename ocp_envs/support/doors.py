@@ -11,7 +11,7 @@ import inspect
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from ocp_envs.support.kinds import Kind, kinds_of
+from ocp_envs.support.kinds import Fault, Kind, kinds_of
 
 T = TypeVar("T")
 
@@ -30,18 +30,30 @@ def checked(target: T) -> T:
 
 def _checked(function: Callable[..., Any], owner: str) -> Callable[..., Any]:
     names, kinds = tuple(inspect.signature(function).parameters), dict[str, Kind]()
+    faults: list[Callable[[object], Fault]] = []  # by position: most calls have no other arguments, and have to be fast
+
+    def refuse(name: str, value: object, fault: type[Exception]) -> None:
+        got = f"{type(value).__name__} " * (fault is TypeError) + _shown(value)
+        raise fault(f"{name}: expected {kinds[name].words}, got {got}; see help({owner})")
 
     @functools.wraps(function)
     def call(*arguments: Any, **named: Any) -> Any:
-        if not kinds:
+        if not faults:
             kinds.update(kinds_of(function))
-        for name, value in (*zip(names, arguments), *named.items()):
-            if name in kinds and (fault := kinds[name].fault(value)):
-                got = f"{type(value).__name__} " * (fault is TypeError) + _shown(value)
-                raise fault(f"{name}: expected {kinds[name].words}, got {got}; see help({owner})")
+            faults.extend(kinds[name].fault if name in kinds else _anything for name in names)
+        for position, (fault, value) in enumerate(zip(faults, arguments)):
+            if found := fault(value):
+                refuse(names[position], value, found)
+        for name, value in named.items():
+            if name in kinds and (found := kinds[name].fault(value)):
+                refuse(name, value, found)
         return function(*arguments, **named)
 
     return call
+
+
+def _anything(value: object) -> Fault:
+    return None
 
 
 def _shown(value: object) -> str:
