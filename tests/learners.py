@@ -47,3 +47,9 @@ def wrapped(**arguments):
 def wrapped_vector(num_envs, autoreset_mode="Disabled", **arguments):
     envs = gym.make_vec(ENV_ID, num_envs=num_envs, autoreset_mode=autoreset_mode, **arguments)
     return VectorNormalisedAction(VectorFeatureObservation(envs))
+
+
+def obstacle_envs(count):
+    return gym.make_vec(
+        "QuadcopterObstacle-v0", num_envs=count, vectorization_mode="vector_entry_point", autoreset_mode="Disabled"
+    )

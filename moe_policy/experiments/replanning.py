@@ -124,7 +124,7 @@ class ReplanningRow(Record):
     left_box: int  # episodes that left the operating box
     relative_cost: float | None  # to the optimal plan, tracked without a disturbance; where both reach the goal
     violation_mean: float | None  # of the path constraints, in their unit
-    flips: int | None  # changes to another solution family, in all episodes; ``None`` where no plan is renewed
+    flips: int | None  # changes to another solution family on the way, in all episodes; ``None`` without renewals
     renewals: int | None  # new plans, in all episodes
 
 

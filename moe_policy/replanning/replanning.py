@@ -40,7 +40,8 @@ class Renewed(Batch):
         clock: control steps since the episode's beginning, (B,).
         schedule: of the episodes, whose times count from their beginning.
         expected: the states that follow in the model, (B, nx); NaN at the beginning.
-        renewals, flips: how often a plan was replaced by a new one, and by one of another solution family, (B,).
+        renewals: how often a plan was replaced by a new one, (B,).
+        flips: how often it was replaced by one of another solution family after the first control step, (B,).
     """
 
     tracking: Tracking
@@ -214,7 +215,7 @@ class Replanning(ModelPolicy):
             plan=state.plan.replaced(mask, plan),
             schedule=state.schedule.replaced(mask, schedule),
             renewals=state.renewals + mask,
-            flips=state.flips + (mask & np.isin(np.arange(len(state)), rows[decided.flipped])),
+            flips=state.flips + (mask & (state.clock > 0) & np.isin(np.arange(len(state)), rows[decided.flipped])),
         )
 
     def __repr__(self) -> str:

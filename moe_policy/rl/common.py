@@ -86,9 +86,11 @@ class RLSettings(RewardShaping, LearnerSettings):
         n_envs: environments that run in parallel.
         evaluate_every: steps between two evaluations on the development parameters.
         near_starts: fraction of the training episodes with an initial state nearer to the goal than in the benchmark,
-            see :class:`~moe_policy.rl.wrappers.VectorNearStarts`.
+            see :class:`~moe_policy.rl.curriculum.VectorNearStarts`.
         nearness: how close to the goal these initial states lie, 1 or more.
         moving_starts: by how much of their scales the other coordinates deviate in these initial states.
+        first_radius: radius of the goal ball at first, which is that of the problem from half of the steps on, see
+            :class:`~moe_policy.rl.curriculum.VectorShrinkingGoal`; 0 for that of the problem from the beginning.
     """
 
     n_envs: int = 8
@@ -96,6 +98,7 @@ class RLSettings(RewardShaping, LearnerSettings):
     near_starts: float = 0.0
     nearness: float = 1.0
     moving_starts: float = 0.0
+    first_radius: float = 0.0
 
     def __post_init__(self) -> None:
         RewardShaping.__post_init__(self)
@@ -103,8 +106,9 @@ class RLSettings(RewardShaping, LearnerSettings):
         for name in ("n_envs", "evaluate_every", "nearness"):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
-        if not self.moving_starts >= 0:
-            raise ValueError(f"moving_starts must be at least 0, got {self.moving_starts}")
+        for name in ("moving_starts", "first_radius"):
+            if not getattr(self, name) >= 0:
+                raise ValueError(f"{name} must be at least 0, got {getattr(self, name)}")
         if not 0 <= self.near_starts <= 1:
             raise ValueError(f"near_starts must be in [0, 1], got {self.near_starts}")
 

@@ -18,16 +18,15 @@ from numpy.typing import ArrayLike
 
 from moe_policy.rl.actor import LearnedPolicy
 from moe_policy.rl.common import LearnerSettings, RLSettings
+from moe_policy.rl.curriculum import VectorNearStarts, VectorShrinkingGoal, with_moving_starts
 from moe_policy.rl.encoding import actions_of, features_of
 from moe_policy.rl.evaluation import Evaluation, Evaluator
 from moe_policy.rl.settings import PPOSettings
 from moe_policy.rl.wrappers import (
     Environments,
     VectorFeatureObservation,
-    VectorNearStarts,
     VectorNormalisedAction,
     VectorShapedReward,
-    with_moving_starts,
 )
 from moe_policy.rollouts.environments import environments
 from ocp_envs.problem import OptimalControlProblem
@@ -64,6 +63,8 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings) -> SB3Vec
         envs = VectorNearStarts(
             envs, settings.near_starts, settings.seed, settings.moving_starts, problem, settings.nearness
         )
+    if settings.first_radius:
+        envs = VectorShrinkingGoal(envs, settings.first_radius, settings.steps / 2)
     encoding = settings.encoding(problem)
     seen = VectorFeatureObservation(VectorShapedReward(envs, settings), features_of(problem, encoding))
     return SB3VecEnv(VectorNormalisedAction(seen, actions_of(problem, encoding)))

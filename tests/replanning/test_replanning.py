@@ -109,11 +109,21 @@ def test_another_family_has_to_save_more_than_its_part_of_the_cost(mixture):
         renewal = moe_policy.Renewal(iterations=0, rounds=0, switch=switch)
         policy = moe_policy.Replanning(lambda p: candidates(p)[1][1], renewal=renewal, problem=PENDULUM)
         policy._renewer._candidates = candidates
-        return after(policy, p, 1).flips
+        begun = policy.start(p)
+        return after(policy, p, 1, dataclasses.replace(begun, clock=begun.clock + 10)).flips
 
     eager, reluctant = flips(0.0), flips(10.0)
     assert (reluctant <= eager).all()
     assert 0 < reluctant.sum() < eager.sum()
+
+
+def test_the_first_plan_may_be_replaced_before_the_first_control_step_which_is_no_change(mixture):
+    p, candidates = sample(PENDULUM, 3, 200), moe_policy.Candidates(mixture)
+    policy = moe_policy.Replanning(lambda p: candidates(p)[1][1], renewal=NO_SOLVER, problem=PENDULUM)
+    policy._renewer._candidates = candidates
+    state = after(policy, p, 1)
+    assert (state.renewals == 1).any()
+    assert (state.flips == 0).all()
 
 
 def test_renewals_of_a_mixture_land_where_the_plant_is_weaker(mixture):
