@@ -64,7 +64,8 @@ def main() -> None:
     cli.publish(arguments, f"replanning_{problem.id}", record)
     cli.say(text_table(record.rows, REPLANNING_COLUMNS))
     for each in record.latency:
-        cli.say(f"{each.condition}: {each.median:.1f} ms, 99 % {each.percentile_99:.1f} ms of {each.count} renewals")
+        times = f"{each.median:.1f} ms, 99 % {each.percentile_99:.1f} ms of {each.count} renewals"
+        cli.say(f"{each.condition}: {times}, at a load of {each.load}")
 
 
 if __name__ == "__main__":

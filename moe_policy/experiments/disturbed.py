@@ -21,6 +21,7 @@ PUSHES: Mapping[str, Mapping[str, float]] = {
     "GroundVehicle-v0": {"theta": 0.2, "v": 1.0},
     "Quadcopter-v0": {"vx": 1.0, "vy": 1.0, "vz": 1.0},
     "QuadcopterObstacle-v0": {"vx": 1.0, "vy": 1.0, "vz": 1.0},
+    "QuadcopterRecovery-v0": {"vx": 1.0, "vy": 1.0, "vz": 1.0},
 }
 #: Pushes in an episode, at times uniform over the duration of the optimal plan.
 COUNT = 2

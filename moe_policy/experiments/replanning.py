@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ from moe_policy.planners.stored import StoredPlans
 from moe_policy.protocols import Policy, Schedule, State
 from moe_policy.replanning.renewal import Renewal
 from moe_policy.replanning.replanning import Renewed, Replanning
-from moe_policy.reports.records import Record
+from moe_policy.reports.records import ABSENT, Absent, Record
 from moe_policy.reports.tables import Column, proportion
 from moe_policy.rollouts.environments import Environments, environments
 from moe_policy.rollouts.intervals import Proportion
@@ -136,6 +137,7 @@ class Latency(Record):
     count: int  # number of such control steps
     median: float
     percentile_99: float
+    load: float | Absent | None = ABSENT  # mean number of processes that ran or waited in the last minute of it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,6 +242,7 @@ def latency(
                 count=len(milliseconds),
                 median=float(np.median(milliseconds)),
                 percentile_99=float(np.quantile(milliseconds, 0.99)),
+                load=os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
             )
         )
     return tuple(found)
