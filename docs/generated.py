@@ -29,6 +29,7 @@ TITLES = {
     "moe_policy.rollouts": "Rollouts and metrics",
     "moe_policy.checking": "Checked plans",
     "moe_policy.rl": "Reinforcement learning",
+    "moe_policy.score": "Scores",
 }
 
 

@@ -19,8 +19,8 @@ Policies
     ``TrackingPolicy`` follows plans, ``Stabiliser`` regulates at the goal, ``Stabilised`` does so after another policy;
     ``train`` trains reinforcement learners (extra ``rl``).
 Measuring
-    ``environments``, ``rollout`` and ``evaluate``; ``python -m moe_policy.score`` measures a method of yours on the
-    fixed instances.
+    ``environments``, ``rollout`` and ``evaluate``; ``score_method``, or ``python -m moe_policy.score``, measures a
+    method of yours on the fixed instances. ``export_minari`` keeps episodes as a dataset of Minari (extra ``minari``).
 
 Names are imported on first use: rolling out a policy does not load PyTorch, and Stable-Baselines3 may be absent. The
 public names and their modules are listed in ``__init__.pyi``, which type checkers read.

@@ -76,7 +76,14 @@ from moe_policy.rollouts.metrics import Metrics as Metrics
 from moe_policy.rollouts.metrics import Violation as Violation
 from moe_policy.rollouts.metrics import cost_ratio as cost_ratio
 from moe_policy.rollouts.metrics import evaluate as evaluate
+from moe_policy.rollouts.minari_datasets import Transitions as Transitions
+from moe_policy.rollouts.minari_datasets import export_minari as export_minari
+from moe_policy.rollouts.minari_datasets import read_minari as read_minari
+from moe_policy.rollouts.minari_datasets import resimulate as resimulate
 from moe_policy.rollouts.rollout import rollout as rollout
+from moe_policy.score.scoring import Score as Score
+from moe_policy.score.scoring import ScoreRun as ScoreRun
+from moe_policy.score.scoring import score_method as score_method
 from moe_policy.store import UnknownModelError as UnknownModelError
 from moe_policy.store import available as available
 from moe_policy.store import load as load

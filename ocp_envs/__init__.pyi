@@ -66,6 +66,7 @@ from ocp_envs.solvers.solutions import Solutions as Solutions
 from ocp_envs.support.batch import BatchFunction as BatchFunction
 from ocp_envs.support.batch import BoundFunction as BoundFunction
 from ocp_envs.support.batch import Linearisation as Linearisation
+from ocp_envs.support.provenance import Provenance as Provenance
 from ocp_envs.symmetry import Symmetry as Symmetry
 from ocp_envs.system import Box as Box
 from ocp_envs.system import Coordinate as Coordinate

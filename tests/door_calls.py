@@ -31,6 +31,7 @@ from tests.door_values import (
     database,
     episodes,
     finished,
+    minari_id,
     new_path,
     planner,
     policy,
@@ -50,6 +51,15 @@ def saved() -> Path:
     path = new_path()
     planner().save(path)
     return path
+
+
+@cache
+def kept() -> Path:
+    return new_path()
+
+
+def policy_of(problem: Any) -> Any:
+    return policy()
 
 
 #: Arguments that fit every callable which has them, by name.
@@ -98,6 +108,7 @@ CALLS: dict[str, dict[str, Callable[[], Any]]] = {
     "disc": {"center": lambda: np.zeros(3), "radius": lambda: 1.0},
     "environments": {"count": lambda: 2},
     "RLSettings": {"steps": lambda: 8},
+    "export_minari": {"dataset_id": lambda: f"ocp/{new_path().name}door-v0", "parameters": lambda: [[3.0, 0.0]]},
     "fit_mixture_jointly": {"k": lambda: 2},
     "generate": {
         "problem": lambda: DOUBLE_INTEGRATOR,
@@ -114,8 +125,17 @@ CALLS: dict[str, dict[str, Callable[[], Any]]] = {
     "names": {},
     "ocp_envs.load": {"name": lambda: "PendulumSwingup-v0"},
     "refine": {"database": finished, "planner": lambda: lambda p: constant_plans(p)},
+    "read_minari": {"dataset": minari_id},
+    "resimulate": {"dataset": minari_id},
     "rollout": {"horizon": lambda: 0.1},
     "sample": {"seed": lambda: 1, "n": lambda: 2},
+    "score_method": {
+        "factory": lambda: policy_of,
+        "splits": lambda: ["uniform"],
+        "cases": lambda: 1,
+        "keep": lambda: kept(),
+        "workers": lambda: 1,
+    },
     "solve": {"p": lambda: [3.1, 0.1], "starts": lambda: 1},
     "solve_many": {"p": lambda: [[3.1, 0.1]], "starts": lambda: 1},
     "train": {"settings": sac, "development": lambda: P},

@@ -133,6 +133,38 @@ def sac() -> moe_policy.SACSettings:
     )
 
 
+def score_run() -> moe_policy.ScoreRun:
+    metrics = {"uniform": moe_policy.evaluate(PENDULUM, episodes())}
+    return moe_policy.ScoreRun(seed=None, making_seconds=0.0, parameters_total=None, splits=metrics)
+
+
+def score() -> moe_policy.Score:
+    return moe_policy.Score(
+        env_id=PENDULUM.id,
+        method="name",
+        factory="module:make",
+        kind="planner",
+        dt=0.02,
+        cases={"uniform": 2},
+        optimal_solved={"uniform": 2},
+        runs=(score_run(),),
+        seconds=1.0,
+        provenance=where(),
+    )
+
+
+def where() -> ocp_envs.Provenance:
+    return ocp_envs.Provenance("2026-01-01", None, "3.11", "Linux", "x", 2, {"numpy": "2"})
+
+
+@cache
+def minari_id() -> str:
+    """The id of a dataset of one episode, in the folder."""
+    name = f"ocp/doors{next(_COUNTER)}-v0"
+    moe_policy.export_minari(PENDULUM, policy(), [[3.0, 0.0]], name)
+    return name
+
+
 def learned() -> moe_policy.LearnedPolicy:
     return moe_policy.LearnedPolicy(PENDULUM, actor(), period=0.1)
 
@@ -195,11 +227,14 @@ VALUES: dict[str, Callable[[], Any]] = {
     "Performance": lambda: moe_policy.Performance.of(PENDULUM, episodes()),
     "Picture": lambda: PENDULUM.picture,
     "Proportion": lambda: moe_policy.Proportion(1, 3),
+    "Provenance": where,
     "ReferenceSet": lambda: ocp_envs.ReferenceSet(P, np.ones((2, 3))),
     "Refinement": lambda: ocp_envs.Refinement(finished(), np.ones((1, 1)), np.ones((1, 1))),
     "SACSettings": sac,
     "Sampler": lambda: ocp_envs.Sampler(_in_the_middle),
     "Samples": lambda: SAMPLES,
+    "Score": score,
+    "ScoreRun": score_run,
     "Schedule": lambda: policy().start(P).schedule,
     "SingleNetwork": lambda: planner().network.gate,
     "Solution": lambda: ocp_envs.Solution(P[0], solutions(), Status.EMPTY),
@@ -215,6 +250,7 @@ VALUES: dict[str, Callable[[], Any]] = {
     "TrackingWeights": lambda: moe_policy.TrackingWeights.default(PENDULUM),
     "TrainingReport": lambda: moe_policy.TrainingReport((part(),), 0.5),
     "TrainingRun": lambda: moe_policy.TrainingRun(sac(), learned(), evaluation()),
+    "Transitions": lambda: moe_policy.Transitions(np.zeros((3, 2)), np.zeros((3, 1)), np.zeros(3, np.int64)),
     "Trajectory": lambda: SAMPLES.trajectory[:2],
     "Verdict": lambda: checked_plans().verdicts[0],
     "Violation": lambda: moe_policy.Violation(moe_policy.Mean(1.0, 3, (0.5, 1.5)), 1.0, 2.0),

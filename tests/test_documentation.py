@@ -51,5 +51,5 @@ def test_links_of_the_results_lead_from_the_folder_of_the_documentation():
 def test_the_help_of_a_package_names_what_exists(package):
     words = set(re.findall(r"``(\w+)``", package.__doc__))
     assert len(words) > 15
-    extras, other = {"rl"}, {each.__name__ for each in (ocp_envs, moe_policy)}
+    extras, other = {"rl", "minari"}, {each.__name__ for each in (ocp_envs, moe_policy)}
     assert not words - set(package.__all__) - extras - other

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dis
+import importlib.util
 import inspect
 import signal
 import traceback
@@ -29,13 +30,23 @@ from tests.door_values import use_folder
 from tests.method_calls import methods
 from tests.strangeness import CHANGES, STRANGE, may_fit
 
-DOORS = list(doors())
-EVERYTHING = [*DOORS, *methods()]
 resource = pytest.importorskip("resource", reason="the memory of a call is limited on Unix alone")
 ROOT = Path(__file__).resolve().parents[1]
 STRANGENESS = str(ROOT / "tests" / "strangeness.py")
 #: Seconds after which a call hangs, and bytes that it may allocate.
 PATIENCE, MEMORY = 20, 3 * 2**30
+#: Optional packages that doors need.
+NEEDS = {"train": ("stable_baselines3",)} | dict.fromkeys(
+    ("export_minari", "read_minari", "resimulate"), ("minari", "h5py")
+)
+
+
+def _can_be_called(door: Door) -> bool:
+    return all(importlib.util.find_spec(name) for name in NEEDS.get(door.short, ()))
+
+
+DOORS = list(doors())
+EVERYTHING = [*filter(_can_be_called, DOORS), *methods()]
 #: What a call of a path that is not there may end in, wherever it is raised.
 FILES = (FileNotFoundError, NotADirectoryError, IsADirectoryError, PermissionError)
 
@@ -162,24 +173,19 @@ def fuzz(door: Door, examples: int) -> Count:
 
 @pytest.fixture(autouse=True, scope="module")
 def folder(tmp_path_factory):
-    """Whatever is written is in a temporary folder, relative paths included."""
+    """Whatever is written is in a temporary folder, relative paths and Minari's datasets included."""
     path = tmp_path_factory.mktemp("doors")
     use_folder(path)
-    with contextlib.chdir(path):
+    with contextlib.chdir(path), pytest.MonkeyPatch.context() as patch:
+        patch.setenv("MINARI_DATASETS_PATH", str(path / "minari"))
+        (path / "minari").mkdir()
         yield
-
-
-def some(door: Door, examples: int) -> Count:
-    """Strange calls of ``door``, none where it needs a package that is absent."""
-    if door.short == "train":
-        pytest.importorskip("stable_baselines3")
-    return fuzz(door, examples)
 
 
 @pytest.mark.parametrize("door", EVERYTHING, ids=lambda door: door.name)
 def test_what_does_not_fit_is_refused_at_the_door(door):
     door.value(**door.arguments())
-    count = some(door, 2)
+    count = fuzz(door, 2)
     assert not count.accepted + count.foreign + count.hanging, str(count)
 
 
@@ -188,7 +194,7 @@ def test_ten_thousand_strange_calls():
     """None is accepted in silence or hangs, and hardly any ends in an error of another library."""
     count = Count()
     for door in EVERYTHING:
-        count += some(door, 100)
+        count += fuzz(door, 100)
     assert sum(count.calls.values()) >= 10_000
     assert not count.accepted + count.hanging, str(count)
     assert len(count.foreign) < 0.01 * sum(count.calls.values()), str(count)

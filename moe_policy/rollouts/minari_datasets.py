@@ -7,7 +7,7 @@ A dataset has observations, actions and rewards of single environments as Gymnas
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 
 from moe_policy.control.policy import act
 from moe_policy.protocols import PlanningPolicy, Policy
-from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.problems import ProblemOrId, problem_of, register
-from ocp_envs.support.arrays import Array
+from ocp_envs.support.arrays import Array, Ints, read_only
+from ocp_envs.support.doors import checked
 
 
 def _minari() -> ModuleType:
@@ -33,6 +33,7 @@ def _minari() -> ModuleType:
     return found
 
 
+@checked
 def export_minari(
     problem: ProblemOrId, policy: Policy, parameters: ArrayLike, dataset_id: str, *, dt: float = 0.02
 ) -> Any:
@@ -42,7 +43,7 @@ def export_minari(
         problem: the problem, which is registered if it is not.
         policy: as in :func:`moe_policy.rollout`; it acts in the single precision of the environment's action space.
         parameters: of the episodes.
-        dataset_id: of the dataset, such as ``"ocp/PendulumSwingup/optimal-v0"``.
+        dataset_id: of the dataset, such as ``"ocp/PendulumSwingup/optimal-v0"``: words, and a version.
         dt: control period, seconds.
 
     Returns:
@@ -50,8 +51,10 @@ def export_minari(
 
     Raises:
         ImportError: Minari is not installed.
-        ValueError: Minari has a dataset of that name, or the parameters do not fit the problem.
+        ValueError: Minari has a dataset of that id, it is no id, or the parameters do not fit the problem.
     """
+    if not re.fullmatch(r"([\w-]+/)*[\w-]+-v\d+", dataset_id):
+        raise ValueError(f'dataset_id: expected words and a version, such as "ocp/mine-v0", got {dataset_id!r}')
     minari, problem = _minari(), problem_of(problem)
     register(problem)
     p = problem.check_parameters(parameters, extrapolate=True)
@@ -98,6 +101,7 @@ def _episode(env: gym.Env[Any, Any], policy: Policy, p: Array, number: int) -> A
     )
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Transitions:
     """The decisions of a dataset, one after another.
@@ -106,20 +110,31 @@ class Transitions:
         observations: before each decision, (n, nx + nc).
         actions: of each decision, (n, nu).
         episodes: number of the episode of each decision, (n,).
+
+    The arrays are read-only; other shapes raise a ``ValueError``.
     """
 
     observations: Array
     actions: Array
-    episodes: Array
+    episodes: Ints
+
+    def __post_init__(self) -> None:
+        for name, kind in (("observations", np.float64), ("actions", np.float64), ("episodes", np.int64)):
+            object.__setattr__(self, name, read_only(np.asarray(getattr(self, name), dtype=kind)))
+        shapes = self.observations.shape, self.actions.shape, self.episodes.shape
+        if [len(shape) for shape in shapes] != [2, 2, 1] or len({shape[0] for shape in shapes}) != 1:
+            raise ValueError(f"expected observations (n, nx + nc), actions (n, nu), episodes (n,); got {shapes}")
 
 
 def read_minari(dataset: Any) -> Transitions:
-    """The decisions of a ``dataset`` of Minari, or of the one with that id.
+    """The decisions of a ``dataset``, a ``minari.MinariDataset`` or the id of one that is on this machine.
 
     Raises:
         ImportError: Minari is not installed.
+        TypeError: neither a dataset nor an id.
+        FileNotFoundError: no dataset of that id.
     """
-    found = list(_episodes(dataset))
+    found = list(_opened(dataset).iterate_episodes())
     return Transitions(
         np.concatenate([episode.observations[:-1] for episode in found]).astype(np.float64),
         np.concatenate([episode.actions for episode in found]).astype(np.float64),
@@ -127,20 +142,38 @@ def read_minari(dataset: Any) -> Transitions:
     )
 
 
-def _episodes(dataset: Any) -> Iterator[Any]:
-    opened = _minari().load_dataset(dataset) if isinstance(dataset, str) else dataset
-    yield from opened.iterate_episodes()
+def _opened(dataset: Any) -> Any:
+    """A ``dataset``, or that of an id."""
+    minari = _minari()
+    if isinstance(dataset, minari.MinariDataset):
+        return dataset
+    if not isinstance(dataset, str):
+        raise TypeError(f"dataset: expected a minari.MinariDataset or the id of one, got a {type(dataset).__name__}")
+    return minari.load_dataset(dataset)
 
 
-def resimulate(dataset: Any, problem: OptimalControlProblem) -> float:
-    """The largest difference between what a ``dataset`` of Minari holds and the same actions in its environment.
+def resimulate(dataset: Any, problem: ProblemOrId) -> float:
+    """The largest difference between what a dataset holds and the same actions in its environment.
 
-    Observations are compared in units of the scales of the ``problem``, and rewards as they are.
+    Observations are compared in units of the scales of the problem, and rewards as they are.
+
+    Args:
+        dataset: a ``minari.MinariDataset`` made by :func:`export_minari`, or its id.
+        problem: the problem, or the id of a registered one.
+
+    Raises:
+        ImportError: Minari is not installed.
+        TypeError: neither a dataset nor an id.
+        FileNotFoundError: no dataset of that id.
+        ValueError: a dataset of another problem.
     """
+    dataset, problem = _opened(dataset), problem_of(problem)
     env, worst = dataset.recover_environment(), 0.0
+    if env.spec.id != problem.id:
+        raise ValueError(f"dataset: it is of {env.spec.id}, expected one of {problem.id}")
     scale = np.concatenate([problem.system.state.scale, np.ones(len(problem.context))])
     told = dataset.storage.get_episode_metadata(dataset.episode_indices)
-    for episode, metadata in zip(_episodes(dataset), told):
+    for episode, metadata in zip(dataset.iterate_episodes(), told):
         parameters = np.asarray(metadata["options"]["parameters"])
         observation, _ = env.reset(options={"parameters": parameters, "extrapolate": True})
         difference = [np.abs(observation - episode.observations[0]) / scale]

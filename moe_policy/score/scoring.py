@@ -44,6 +44,7 @@ USUAL = ("uniform", "boundary", "outside")
 PERIOD = 0.02
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class ScoreRun(Record):
     """A method made with one seed.
@@ -61,6 +62,7 @@ class ScoreRun(Record):
     splits: dict[str, Metrics]
 
 
+@checked
 @dataclass(frozen=True, kw_only=True)
 class Score(Record):
     """A method on the splits of a problem: ``score_<method>_<env>.json``.
@@ -155,7 +157,10 @@ def score_method(
 
 
 def _seeds(factory: Factory, seeds: Sequence[int] | None) -> list[int | None]:
-    takes = "seed" in inspect.signature(factory).parameters
+    try:
+        takes = "seed" in inspect.signature(factory).parameters
+    except ValueError:  # a class of Python's own
+        takes = False
     if seeds is not None and not takes:
         raise ValueError("seeds: the factory has no argument 'seed'; leave them out, or give it one")
     return list(seeds if seeds is not None else (0,)) if takes else [None]

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ocp_envs.support.doors import checked
 from ocp_envs.support.files import replacing
 
 #: A list without lists, dictionaries or texts in it, over several lines; no text of JSON has a line's end in it.
@@ -29,6 +30,7 @@ _DISTRIBUTION = "ocp-moe"
 _REQUIREMENT = re.compile(r"([\w.-]+)(?:.*\bextra\s*==\s*['\"]([\w.-]+))?")
 
 
+@checked
 @dataclass(frozen=True)
 class Provenance:
     """Where a result comes from.
