@@ -103,7 +103,7 @@ def main() -> None:
     parts = families_of(samples, continuation)
     labels = Labels(parts.values, tuple(f"family {i}" for i in range(parts.values.max() + 1)), "continuation")
     began = time.perf_counter()
-    found = beyond(samples, labels.values, pairs=continuation.pairs)
+    found = beyond(samples, labels.families, pairs=continuation.pairs)
     seconds = time.perf_counter() - began
     cli.say(f"{len(found.rows)} trajectories beyond a border, of {found.solves} solves, {seconds:.0f} s")
     trial = Trial(Mixtures(samples, labels, found, settings), cases, kept)

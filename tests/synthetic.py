@@ -41,7 +41,7 @@ def beyond_borders(samples: Samples, families: Ints, rows: Ints) -> Beyond:
     other = (families[rows] + 1) % k
     cost = np.where(np.arange(k) == families[:, None], 1.0, np.inf)
     cost[rows, other] = 1.05
-    return Beyond(cost, rows, other, samples.trajectory[rows], 2 * len(rows))
+    return Beyond(np.ones(len(samples)), cost, rows, other, samples.trajectory[rows], 2 * len(rows))
 
 
 def flights(count: int = 40, active: bool = True) -> Samples:

@@ -164,7 +164,7 @@ def families(
         refined_index=float(adjusted_rand_score(samples.mode, mainly[parts.values])),
         components=parts.components[:10],
         pieces=len(parts.components),
-        merged=parts.merged,
+        merged=int(parts.moved.sum()),
         accepted=parts.accepted,
         rejected=parts.rejected,
         pairs=len(joined),

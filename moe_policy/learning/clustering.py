@@ -30,7 +30,7 @@ from moe_policy.planners.scaling import Standardizer, blocks
 from ocp_envs.data.continuation import continued
 from ocp_envs.data.database import Database
 from ocp_envs.data.samples import Samples, SampleSource, samples_of
-from ocp_envs.support.arrays import Ints, frozen_array
+from ocp_envs.support.arrays import Bools, Ints, frozen_array
 from ocp_envs.support.checks import check_kind, check_whole
 from ocp_envs.support.doors import checked
 from ocp_envs.support.suggestions import did_you_mean
@@ -51,12 +51,15 @@ class Labels:
         names: k names, one for each cluster.
         method: how it was made, one of :data:`METHODS` or a name chosen by the user.
         settings: arguments of the method, for the record.
+        strays: samples whose trajectory is none of their cluster's, (M,), such as those of solution families too small
+            for an expert: no expert learns them, the gate does. None by default.
     """
 
     values: Ints
     names: tuple[str, ...]
     method: str
     settings: Mapping[str, object] = field(default_factory=dict)
+    strays: Bools = field(default_factory=lambda: np.zeros(0, bool))
 
     def __post_init__(self) -> None:
         check_kind("method", self.method, str)
@@ -75,7 +78,11 @@ class Labels:
             raise ValueError(f"labels must have a name for each cluster, at least one; got names {self.names!r}")
         if (used := np.unique(values).tolist()) != list(range(self.k)):
             raise ValueError(f"labels must use each of 0 … {self.k - 1}, one a name; got {used}")
+        strays = np.asarray(self.strays) if np.size(self.strays) else np.zeros(len(values), bool)
+        if strays.shape != values.shape or strays.dtype != bool:
+            raise ValueError(f"strays: expected truth values {values.shape}, got {strays.dtype} {strays.shape}")
         object.__setattr__(self, "values", frozen_array(values, np.int64))
+        object.__setattr__(self, "strays", frozen_array(strays, bool))
         object.__setattr__(self, "settings", MappingProxyType(dict(self.settings)))
 
     def __len__(self) -> int:
@@ -85,6 +92,11 @@ class Labels:
     def k(self) -> int:
         """Number of clusters."""
         return len(self.names)
+
+    @property
+    def families(self) -> Ints:
+        """Cluster of the trajectory of every sample, (M,): −1 for strays."""
+        return np.where(self.strays, -1, self.values)
 
     @property
     def sizes(self) -> Ints:
@@ -159,7 +171,7 @@ def _by_continuation(samples: Samples, kept: Path | None, executor: Executor | N
     if k is not None and (count := int(parts.values.max()) + 1) > k:
         raise ValueError(f"k: got {k}, but {count} families were found; expected at least {count}, or None for these")
     names = tuple(f"family {i}" for i in range(parts.values.max() + 1))
-    return Labels(parts.values, names, "continuation", record(found, parts))
+    return Labels(parts.values, names, "continuation", record(found, parts), parts.moved)
 
 
 def _one_family(samples: Samples, kept: Path | None, executor: Executor | None) -> Labels | None:

@@ -33,7 +33,7 @@ from ocp_envs.support.arrays import Array, Bools, Ints
 
 #: Neighbours of each instance, the width of a cut below which a part is split, and the smallest part, as a fraction of
 #: all instances: the instances of smaller pieces go to the part that they continue into best.
-NEIGHBOURS, WIDTH, SMALLEST = 8, 0.1, 0.01
+NEIGHBOURS, WIDTH, SMALLEST = 8, 0.1, 0.005
 #: Nearest neighbours of each instance in the graph that is cut, and the least weight of an edge.
 _NEAR, _LEAST = 16, 1e-9
 #: Neighbours of an instance in a small component among which the nearest trajectory is looked for, and its support for
@@ -134,5 +134,5 @@ def record(continuation: Continuation, parts: Parts) -> dict[str, object]:
         "components": len(parts.components),
         "cuts": [cut.width for cut in parts.accepted],
         "thinnest_rejected_cut": min((cut.width for cut in parts.rejected), default=None),
-        "merged": parts.merged,
+        "merged": int(parts.moved.sum()),
     }

@@ -55,14 +55,14 @@ class Parts:
         components: number of nodes of the connected components, descending.
         accepted: the cuts along which these were split, in the order in which they were found.
         rejected: the best cut of each part that was left whole.
-        merged: number of nodes in pieces that were too small and went to a neighbouring part.
+        moved: which nodes are in pieces that were too small, and went to a neighbouring part, (M,).
     """
 
     values: Ints
     components: tuple[int, ...]
     accepted: tuple[Cut, ...]
     rejected: tuple[Cut, ...]
-    merged: int
+    moved: Bools
 
 
 def symmetric(pairs: Ints, weights: Array, count: int) -> csr_matrix:
@@ -159,9 +159,9 @@ def parts_of(
             if np.count_nonzero(values == each) >= enough:
                 tried[each] = _try(graph, points, values == each)
         count += 1
-    joined, merged = _merged(values, support, smallest)
+    joined, moved = _merged(values, support, smallest)
     order = tuple(sorted(components.tolist(), reverse=True))
-    return Parts(_by_size(joined), order, tuple(accepted), tuple(whole), merged)
+    return Parts(_by_size(joined), order, tuple(accepted), tuple(whole), moved)
 
 
 def _try(graph: csr_matrix, points: Array, part: Bools) -> tuple[Cut, Ints]:
@@ -173,12 +173,12 @@ def _try(graph: csr_matrix, points: Array, part: Bools) -> tuple[Cut, Ints]:
     return Cut(width_of(own, points[nodes], side, conductance), conductance, smaller, larger), nodes[side]
 
 
-def _merged(values: Ints, support: csr_matrix, smallest: int) -> tuple[Ints, int]:
-    """``values`` (M,) with pieces below ``smallest`` nodes in the large ones, and the number of their nodes."""
+def _merged(values: Ints, support: csr_matrix, smallest: int) -> tuple[Ints, Bools]:
+    """``values`` (M,) with pieces below ``smallest`` nodes in the large ones, and which nodes these are, (M,)."""
     values = np.array(values, dtype=np.int64)
     sizes = np.bincount(values)
     large = (sizes >= smallest) | (np.arange(len(sizes)) == sizes.argmax())
-    moved = int(sizes[~large].sum())
+    moved = ~large[values]
     target = np.where(large, np.arange(len(sizes)), -1)
     member = csr_matrix((np.ones(len(values)), (np.arange(len(values)), values)), shape=(len(values), len(sizes)))
     between = (member.T @ support @ member).tocsr()  # of pieces

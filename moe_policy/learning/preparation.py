@@ -90,18 +90,18 @@ class Prepared:
         examples = Examples(_scaled(inputs, parameters, count), _scaled(outputs, flat, count), split)
         return cls(samples.problem, settings, seed, inputs, outputs, examples, checkpoints)
 
-    def with_beyond(self, families: Ints, beyond: Beyond | None) -> tuple[Prepared, Ints]:
-        """These examples and the trajectories ``beyond`` the borders of the ``families`` (M,), and the family of each.
+    def with_beyond(self, families: Ints, k: int, beyond: Beyond | None) -> tuple[Prepared, Ints]:
+        """These examples and the trajectories ``beyond`` the borders of the ``k`` ``families`` (M,), and the family of
+        each; −1 for none.
 
         Raises:
             ValueError: trajectories of other samples or families.
         """
         if beyond is None:
             return self, families
-        count, k = len(families), int(families.max()) + 1
-        if beyond.cost.shape != (count, k):
+        if beyond.cost.shape != (len(families), k):
             raise ValueError(
-                f"beyond: expected trajectories of {k} families of {count} samples, got costs of shape "
+                f"beyond: expected trajectories of {k} families of {len(families)} samples, got costs of shape "
                 f"{beyond.cost.shape}; make it from these samples and labels"
             )
         y = self.outputs.scale(beyond.trajectory.flat()).astype(np.float32)

@@ -109,7 +109,7 @@ def make(
             return fit_single(database, name=name, **how)
         if labels.k == 1:  # one family, but steep where its optimum swings to another side of a constraint
             return _by_sides(database, SIDES, name, executor, how)
-        further = beyond(database, labels.values)
+        further = beyond(database, labels.families)
         return fit_mixture(database, labels, executor=executor, name=name, beyond=further, **how)
     if found := re.fullmatch(r"moe-reaction-(\d+)", name):
         return _by_sides(database, int(found[1]), name, executor, how)

@@ -103,8 +103,9 @@ def fit_mixture(
         checkpoints: folder of its checkpoints, as in :func:`fit_single`.
         together: fraction of the epochs, at least 0 and below 1, in which all experts of equal layers are one network,
             which learns all samples; where clusters are parts of one family, experts begin with what they share.
-        beyond: trajectories of each cluster at samples of others, from :func:`ocp_envs.beyond` with the values of
-            ``labels``, which its expert learns as well: where costs differ little, the gate may choose either.
+        beyond: trajectories of each cluster at samples of others, from :func:`ocp_envs.beyond` with the families of
+            ``labels``, which its expert learns as well: where costs differ little, the gate may choose either. At
+            strays the gate learns the cheapest cluster that is known there.
 
     Raises:
         CheckpointError, FloatingPointError: as :func:`fit_single` does.
@@ -125,6 +126,8 @@ def fit_mixture(
         "sizes": labels.sizes.tolist(),
         "settings": dict(labels.settings),
     } | ({"together": together} if together else {})
+    if labels.strays.any():
+        clusters["strays"] = int(labels.strays.sum())
     if beyond is not None:
         clusters["beyond"] = np.bincount(beyond.family, minlength=labels.k).tolist()
     default = f"moe-{labels.method}" + (f"-{labels.k}" if labels.method.startswith("kmeans") else "")
@@ -136,15 +139,18 @@ def _decoupled(data: Prepared, labels: Labels, architecture: Architecture, beyon
     samples = len(data.examples.x)
     if len(labels) != samples:
         raise ValueError(f"got labels of {len(labels)} samples for {samples} samples; cluster this database")
-    gate = data.classifier("gate", architecture.gate, GATE, labels.values, labels.k)
-    return [gate, *experts_of(data, labels, architecture, beyond)]
+    experts, chosen = experts_of(data, labels, architecture, beyond), labels.values
+    if beyond is not None:
+        known = labels.strays & np.isfinite(beyond.cost).any(axis=1)
+        chosen = np.where(known, beyond.cost.argmin(axis=1), chosen)
+    return [data.classifier("gate", architecture.gate, GATE, chosen, labels.k), *experts]
 
 
 def experts_of(data: Prepared, labels: Labels, architecture: Architecture, beyond: Beyond | None = None) -> list[Part]:
     """The experts of a mixture over ``labels``: with the layers of the ``architecture``, each learns its own cluster of
     the samples ``data`` and, where they are given, trajectories ``beyond``.
     """
-    data, family = data.with_beyond(labels.values, beyond)
+    data, family = data.with_beyond(labels.families, labels.k, beyond)
     parts = []
     for i, size in enumerate(labels.sizes):
         own = data.examples.split.within(family == i)

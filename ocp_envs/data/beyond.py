@@ -37,6 +37,7 @@ class Beyond:
     """The best trajectories of k families of M samples.
 
     Args:
+        best: cost of every sample, (M,).
         cost: of every family at every sample, (M, k); +inf where none is known.
         rows: samples of the E trajectories beyond the border of their family, (E,).
         family: of these, (E,).
@@ -44,6 +45,7 @@ class Beyond:
         solves: number of solves.
     """
 
+    best: Array
     cost: Array
     rows: Ints
     family: Ints
@@ -59,7 +61,7 @@ class Beyond:
     @property
     def excess(self) -> Array:
         """The value gap (J_k − J*) / |J*| of every family at every sample, (M, k); +inf where it is not known."""
-        best = self.cost.min(axis=1, keepdims=True)
+        best = self.best[:, None]
         return np.asarray((self.cost - best) / np.abs(best))
 
 
@@ -76,7 +78,8 @@ def beyond(
 
     Args:
         database: a Database or its samples, M of them.
-        families: of each, (M,) integers in 0 … k − 1, such as the values of :func:`moe_policy.cluster`.
+        families: of each, (M,) integers in 0 … k − 1, such as the ``families`` of :func:`moe_policy.cluster`; −1 for a
+            trajectory of none.
         margin: largest excess of the cost over the best one, relative to it.
         pairs: rows of neighbouring samples, (E, 2); by default each and its eight nearest in p, every coordinate
             divided by the width of its box.
@@ -87,8 +90,8 @@ def beyond(
     """
     samples, families = samples_of(database), np.asarray(families)
     check_number("margin", margin, "a number above 0", 0.0)
-    if families.shape != (len(samples),) or families.min() < 0:
-        raise ValueError(f"families: expected integers ({len(samples)},) from 0, got {families!r:.99}")
+    if families.shape != (len(samples),) or not -1 <= families.min() <= families.max():
+        raise ValueError(f"families: expected integers ({len(samples)},) from -1, got {families!r:.99}")
     if pairs is None:
         pairs = neighbour_pairs(samples.problem.parameters, samples.parameters, _NEIGHBOURS)
     if solve is None:
@@ -122,18 +125,19 @@ class _Search:
     def __init__(self, samples: Samples, families: Ints, margin: float, solve: Continue) -> None:
         self.samples, self.margin, self.solve = samples, margin, solve
         count, k = len(samples), int(families.max()) + 1
-        own = np.arange(count)
+        own = np.flatnonzero(families >= 0)
+        families = families[own]
         _, best = residuals(samples.problem, samples.parameters, samples.trajectory)
         self.best: Array = best
         self.cost: Array = np.full((count, k), np.inf)
-        self.cost[own, families] = best
+        self.cost[own, families] = best[own]
         #: number of the trajectory of every family at every sample among all, −1 for none
         self.place: Ints = np.full((count, k), -1)
-        self.place[own, families] = own
+        self.place[own, families] = np.arange(len(own))
         self.fresh: Bools = self.place >= 0
         self.tried = 0
         self.rows, self.families = [own], [np.asarray(families)]
-        self.flat: list[Array] = [samples.trajectory.flat()]
+        self.flat: list[Array] = [samples.trajectory[own].flat()]
 
     def advance(self, edges: Ints) -> None:
         """Continue along the directed ``edges`` (2E, 2), the shortest first, what became known last."""
@@ -175,7 +179,7 @@ class _Search:
 
     def found(self) -> Beyond:
         """All that is known."""
-        count = len(self.samples)
+        count = len(self.rows[0])
         rows, families = np.concatenate(self.rows)[count:], np.concatenate(self.families)[count:]
         flat = np.concatenate(self.flat)[count:]
-        return Beyond(self.cost, rows, families, self.samples.problem.unflatten(flat), self.tried)
+        return Beyond(self.best, self.cost, rows, families, self.samples.problem.unflatten(flat), self.tried)

@@ -66,7 +66,16 @@ def test_without_borders_nothing_is_solved(monkeypatch):
     assert (found.solves, len(found.rows), found.cost.shape) == (0, 0, (COUNT, 1))
 
 
-@pytest.mark.parametrize("wrong", [[0, 1], np.full(COUNT, -1)])
+@pytest.mark.parametrize("wrong", [[0, 1], np.full(COUNT, -2)])
 def test_families_that_are_not_one_for_each_sample_are_refused(wrong):
     with pytest.raises(ValueError, match=r"families: expected integers \(21,\)"):
         beyond(along_a_line()[0], wrong)
+
+
+def test_a_trajectory_of_no_family_is_not_continued_and_its_place_is_filled_by_its_neighbours(monkeypatch):
+    samples, families, pairs = along_a_line()
+    families[3] = -1
+    found = beyond(samples, families, 0.35, pairs=pairs, solve=continuing(monkeypatch))
+    assert np.isfinite(found.cost[3]).tolist() == [True, False]
+    assert found.family[found.rows == 3].tolist() == [0]
+    assert np.isfinite(found.excess[3, 0])

@@ -91,7 +91,7 @@ def test_gaps_count_where_a_second_family_is_known():
     cost[:7, 1] = 1.2
     declared = np.full((300, 3), np.inf)
     declared[:, 0], declared[:9, 2], declared[:4, 1] = 1.0, 1.5, 1.25
-    found = Beyond(cost, np.arange(8), np.ones(8, int), SAMPLES.trajectory[:8], 20)
+    found = Beyond(np.ones(300), cost, np.arange(8), np.ones(8, int), SAMPLES.trajectory[:8], 20)
     gaps = Gaps.of(dataclasses.replace(SAMPLES, mode_costs=declared), found, 0.3, 1.5)
     assert gaps == Gaps(margin=0.3, further=8, instances=7, declared=4, solves=20, seconds=1.5)
 

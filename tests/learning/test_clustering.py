@@ -188,3 +188,15 @@ def test_a_cluster_too_small_to_learn_from_joins_the_nearest_one():
     everything = without_small(samples, Labels(values, ("a", "b", "c", "d"), "own"), 61)
     assert (everything.k, len(everything)) == (1, 60)
     assert without_small(samples, joined, 2) is joined
+
+
+def test_strays_are_in_a_cluster_and_of_no_family():
+    labels = Labels(np.array([0, 1, 1]), ("a", "b"), "own", strays=np.array([False, True, False]))
+    assert labels.families.tolist() == [0, -1, 1]
+    assert labels.sizes.tolist() == [1, 2]
+    assert Labels(np.array([0, 1]), ("a", "b"), "own").families.tolist() == [0, 1]
+
+
+def test_strays_of_other_samples_are_refused():
+    with pytest.raises(ValueError, match=r"strays: expected truth values \(2,\)"):
+        Labels(np.array([0, 1]), ("a", "b"), "own", strays=np.array([True]))

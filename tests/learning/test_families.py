@@ -78,7 +78,7 @@ def test_an_instance_that_no_neighbour_leads_to_is_of_the_family_of_the_nearest_
     distance = np.where((PAIRS == lost).any(axis=1) | (above[PAIRS[:, 0]] != above[PAIRS[:, 1]]), 1.0, 0.0)
     alone = dataclasses.replace(ALL, distance=np.repeat(distance[:, None], 2, axis=1).astype(np.float32))
     parts = families_of(with_values(values), alone)
-    assert parts.components[-1] == parts.merged == 1
+    assert parts.components[-1] == parts.moved.sum() == 1
     others = np.arange(400) != lost
     assert {parts.values[lost]} == {*parts.values[others & (above != above[lost])]}
 

@@ -122,7 +122,7 @@ def test_small_pieces_go_to_the_part_that_supports_them_best_also_through_each_o
     support = graph_of(np.concatenate([pairs, links]), 39)
     parts = parts_of(graph, support, points, 0.0, 3)
     assert parts.values[36:].tolist() == [0, 0, 0]
-    assert parts.merged == 3
+    assert parts.moved.sum() == 3
     weights = np.ones(len(pairs) + 4)
     weights[-2] = 5.0
     stronger = graph_of(np.concatenate([pairs, links]), 39, weights)

@@ -262,3 +262,22 @@ def test_trajectories_beyond_the_borders_of_other_families_are_refused(samples):
     found = beyond_borders(samples, labels.values, np.array([0]))
     with pytest.raises(ValueError, match="beyond: expected trajectories of"):
         fit_mixture(samples, labels, settings=QUICK, beyond=dataclasses.replace(found, cost=found.cost[1:]))
+
+
+def test_no_expert_learns_strays_and_the_gate_learns_what_is_known_there(samples):
+    labels = cluster(samples, "custom")
+    strays = np.arange(len(samples)) % 9 == 0
+    found = beyond_borders(samples, labels.values, np.flatnonzero(strays))
+    known = dataclasses.replace(
+        found, cost=np.where(found.cost > 1, found.cost, np.where(strays[:, None], np.inf, 1.0))
+    )
+    with_strays = dataclasses.replace(labels, strays=strays)
+    mixture = fit_mixture(samples, with_strays, settings=QUICK, beyond=known)
+    parts = {part.name: part.training_samples + part.test_samples for part in mixture.report.parts}
+    assert parts["gate"] == len(samples)
+    assert sum(parts[f"expert {i}"] for i in range(labels.k)) == len(samples)  # one trajectory beyond for each stray
+    changed = np.where(strays, (labels.values + 1) % labels.k, labels.values)
+    other = fit_mixture(samples, dataclasses.replace(labels, values=changed), settings=QUICK)
+    gates = [{key: value for key, value in weights(each).items() if "gate" in key} for each in (mixture, other)]
+    assert equal(*gates)
+    assert mixture.details["clusters"]["strays"] == strays.sum()
