@@ -81,13 +81,13 @@ PAPER_SIZES: Mapping[str, Architecture] = MappingProxyType(
 def architecture_of(problem: OptimalControlProblem) -> Architecture:
     """The default architecture of ``problem``: the paper's where it has one.
 
-    Any other problem has one hidden layer of 200 units for up to three parameters and two for more; experts and gate
-    have a quarter of the width.
+    Any other problem has one hidden layer of 200 units for up to three parameters and two for more; experts have half
+    of the width, and the gate a quarter.
     """
     if problem.id in PAPER_SIZES:
         return PAPER_SIZES[problem.id]
     depth = 1 if len(problem.parameters) <= 3 else 2
-    experts = Experts((50,) * depth, (50,) * depth)
+    experts = Experts((100,) * depth, (100,) * depth)
     return Architecture((200,) * depth, (50,) * depth, experts)
 
 

@@ -22,7 +22,7 @@ from ocp_envs.data.samples import Samples, SampleSource, samples_of
 PRINCIPAL_COMPONENTS = 5
 #: Number of sides of the path constraints into which one family is split, and fraction of the epochs in which its
 #: experts are one network.
-SIDES, TOGETHER = 16, 0.5
+SIDES, TOGETHER = 8, 0.5
 #: The names of planners, and what each is.
 FORMS: Mapping[str, str] = MappingProxyType(
     {
@@ -33,7 +33,8 @@ FORMS: Mapping[str, str] = MappingProxyType(
         "moe-auto": "the same over solution families that continuation finds, whose experts also learn their family "
         f"beyond its border; where it finds one, one network or, with path constraints, moe-reaction-{SIDES}",
         "moe-auto-<k>": "the same over these families, split further into k parts",
-        "moe-reaction-<k>": "the same over k sides of the path constraints, with experts that begin as one network",
+        "moe-reaction-<k>": "the same over k sides of the path constraints, with experts that begin as one network, "
+        "and learn the images of the samples under a symmetry of the problem, too",
         "moe-random": "a mixture with as many experts as moe-custom, trained jointly from random weights",
         "moe-retrained-argmax": "moe-custom, retrained as one network with argmax",
         "moe-retrained-softmax-<epsilon>": "the same with softmax at epsilon, for instance 1 or 0.1",
@@ -126,5 +127,8 @@ def _by_sides(
     database: Samples | SampleSource, k: int, name: str, executor: Executor | None, how: _Common
 ) -> NetworkPlanner:
     """A mixture over ``k`` sides of the path constraints, whose experts begin as one network."""
-    labels = cluster(database, "reaction", k=k, seed=how["seed"])
-    return fit_mixture(database, labels, executor=executor, together=TOGETHER, name=name, **how)
+    samples = samples_of(database)
+    if samples.problem.symmetry is not None:
+        samples = samples.with_images()
+    labels = cluster(samples, "reaction", k=k, seed=how["seed"])
+    return fit_mixture(samples, labels, executor=executor, together=TOGETHER, name=name, **how)

@@ -92,6 +92,31 @@ class Samples(Batch):
         costs[turned] = np.nan
         return replace(self, parameters=within, trajectory=trajectory, mode=mode, mode_costs=costs)
 
+    def with_images(self) -> Samples:
+        """These samples and their images under the symmetry of the problem, which are optimal as well.
+
+        Costs of families other than the image's own are unknown, and the image has the index of its original.
+
+        Raises:
+            ValueError: the problem declares no symmetry.
+        """
+        problem, symmetry = self.problem, self.problem.symmetry
+        if symmetry is None:
+            raise ValueError(f"{problem.id} declares no symmetry, under which samples have images")
+        states, contexts = problem.start(self.parameters)
+        images = problem.parameters_of(symmetry.states(states), symmetry.contexts(contexts))
+        within, turns = problem.in_one_turn(images)
+        trajectory = symmetry.trajectories(self.trajectory).shifted(-turns)
+        mode = problem.modes.classify(problem, within, trajectory, self.multipliers)
+        costs = np.full_like(self.mode_costs, np.nan)
+        costs[np.arange(len(mode)), mode] = self.cost
+        image = replace(self, parameters=within, trajectory=trajectory, mode=mode, mode_costs=costs)
+        joined = {
+            name: np.concatenate([getattr(self, name), getattr(image, name)])
+            for name in ("parameters", "mode", "cost", "multipliers", "mode_costs", "index")
+        }
+        return Samples(problem, trajectory=Trajectory.concatenate([self.trajectory, trajectory]), **joined)
+
 
 @runtime_checkable
 class SampleSource(Protocol):

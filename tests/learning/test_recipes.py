@@ -71,7 +71,7 @@ def test_where_continuation_finds_one_family_moe_auto_is_the_single_network(monk
 def test_one_family_round_path_constraints_is_split_by_their_sides(monkeypatch):
     samples = flights(40)
     one = Labels(np.zeros(len(samples), dtype=int), ("family 0",), "continuation")
-    sides = Labels(np.arange(len(samples)) % 2, ("side 0", "side 1"), "reaction")
+    sides = Labels(np.arange(2 * len(samples)) % 2, ("side 0", "side 1"), "reaction")  # with their images
     monkeypatch.setattr(recipes, "cluster", lambda _, method, **__: {"continuation": one, "reaction": sides}[method])
     auto, by_sides = (
         make(name, samples, settings=TrainingSettings(epochs=2)) for name in ("moe-auto", "moe-reaction-2")

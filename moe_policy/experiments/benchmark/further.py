@@ -6,6 +6,7 @@ from moe_policy.experiments.benchmark.parts import Benchmark, Planners, Training
 from moe_policy.experiments.perturbations import SENSING, Perturbation, disturbance, mismatch
 from moe_policy.learning.settings import TrainingSettings
 
+_BATCH = 128
 _LEVELS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0)
 
 
@@ -16,14 +17,14 @@ def _benchmark(
     return Benchmark(
         short=short,
         planners=Planners(compared=planners, trained=planners, stored=stored),
-        training=Training(settings=TrainingSettings(epochs=epochs)),
+        training=Training(settings=TrainingSettings(epochs=epochs, batch=_BATCH, gate_batch=_BATCH)),
         perturbations=(*perturbations, *SENSING),
     )
 
 
 CART_POLE = _benchmark(
     "cart-pole",
-    ("snn", "moe-custom", "moe-kmeans-10"),
+    ("snn", "moe-custom", "moe-auto", "moe-kmeans-10"),
     300,
     (
         mismatch("cart", "cart"),
@@ -47,7 +48,7 @@ UNCERTAIN_PENDULUM = _benchmark(
 ROCKET = _benchmark(
     "rocket",
     ("snn", "moe-kmeans-4"),
-    200,
+    300,
     (
         mismatch("gravity", "gravity"),
         mismatch("propellant", "alpha"),
@@ -57,7 +58,7 @@ ROCKET = _benchmark(
 TWO_LINK_ARM = _benchmark(
     "arm",
     ("snn", "moe-auto", "moe-kmeans-10"),
-    200,
+    300,
     (
         mismatch("upper arm", "mass_1"),
         mismatch("forearm", "mass_2"),
