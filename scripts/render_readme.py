@@ -25,7 +25,7 @@ from moe_policy.experiments.checking_tables import (
 )
 from moe_policy.experiments.cluster_choice import CLUSTER_COLUMNS, ClusterChoice
 from moe_policy.experiments.comparison import COLUMNS, Comparison, Sensitivity
-from moe_policy.experiments.demonstrations import DATASET_COLUMNS, Datasets
+from moe_policy.experiments.demonstrations import CLONE_COLUMNS, DATASET_COLUMNS, Datasets
 from moe_policy.experiments.discretisation import COLUMNS as DISCRETISATION_COLUMNS
 from moe_policy.experiments.discretisation import Discretisation
 from moe_policy.experiments.families import FAMILY_COLUMNS, FamiliesTable
@@ -82,6 +82,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
     ("sensitivity", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("stabiliser", None): table(Sensitivity, lambda record: record.rows, COLUMNS),
     ("minari", None): table(Datasets, lambda record: record.rows, DATASET_COLUMNS),
+    ("minari", "clones"): table(Datasets, lambda record: record.clones, CLONE_COLUMNS),
     ("budgets", None): table(Budgets, lambda record: record.relative().rows, BUDGET_COLUMNS),
     **{
         (f"search_{name}", None): table(Search, lambda record: record.trials, TRIAL_COLUMNS)

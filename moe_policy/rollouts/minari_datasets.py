@@ -35,7 +35,14 @@ def _minari() -> ModuleType:
 
 @checked
 def export_minari(
-    problem: ProblemOrId, policy: Policy, parameters: ArrayLike, dataset_id: str, *, dt: float = 0.02
+    problem: ProblemOrId,
+    policy: Policy,
+    parameters: ArrayLike,
+    dataset_id: str,
+    *,
+    dt: float = 0.02,
+    disturbance: ArrayLike = 0.0,
+    seed: int = 0,
 ) -> Any:
     """Fly ``policy`` from ``parameters`` (B, np) and keep the episodes, up to the goal ball, as a new dataset.
 
@@ -45,6 +52,8 @@ def export_minari(
         parameters: of the episodes.
         dataset_id: of the dataset, such as ``"ocp/PendulumSwingup/optimal-v0"``: words, and a version.
         dt: control period, seconds.
+        disturbance: standard deviation of a normal term added to ẋ, as the environment takes it; a number or (nx,).
+        seed: of the disturbance in the first episode; the i-th after it has ``seed + i``.
 
     Returns:
         the ``minari.MinariDataset``.
@@ -58,8 +67,8 @@ def export_minari(
     minari, problem = _minari(), problem_of(problem)
     register(problem)
     p = problem.check_parameters(parameters, extrapolate=True)
-    env = gym.make(problem.id, dt=dt)
-    episodes = [_episode(env, policy, row, i) for i, row in enumerate(p)]
+    env = gym.make(problem.id, dt=dt, disturbance=np.asarray(disturbance, dtype=np.float64).tolist())
+    episodes = [_episode(env, policy, row, i, seed + i) for i, row in enumerate(p)]
     described = f"Episodes of {problem.id} up to the goal ball: {problem.title}."
     return minari.create_dataset_from_buffers(
         dataset_id,
@@ -73,12 +82,12 @@ def export_minari(
     )
 
 
-def _episode(env: gym.Env[Any, Any], policy: Policy, p: Array, number: int) -> Any:
-    """The buffer of one episode from ``p`` (np,)."""
+def _episode(env: gym.Env[Any, Any], policy: Policy, p: Array, number: int, seed: int) -> Any:
+    """The buffer of one episode from ``p`` (np,), the ``number``-th, in the environment with a ``seed``."""
     from minari.data_collector import EpisodeBuffer
 
     options = {"parameters": p.tolist(), "extrapolate": True}
-    observation, _ = env.reset(options=options)
+    observation, _ = env.reset(seed=seed, options=options)
     state = policy.start(p[None]) if isinstance(policy, PlanningPolicy) else None
     begins, over = np.full(1, state is None), False
     observations, actions, rewards, ends = [observation], [], [], []
@@ -92,6 +101,7 @@ def _episode(env: gym.Env[Any, Any], policy: Policy, p: Array, number: int) -> A
         begins, over = np.zeros(1, dtype=bool), terminated or truncated
     return EpisodeBuffer(
         id=number,
+        seed=seed,
         options=options,
         observations=observations,
         actions=actions,
@@ -175,7 +185,8 @@ def resimulate(dataset: Any, problem: ProblemOrId) -> float:
     told = dataset.storage.get_episode_metadata(dataset.episode_indices)
     for episode, metadata in zip(dataset.iterate_episodes(), told):
         parameters = np.asarray(metadata["options"]["parameters"])
-        observation, _ = env.reset(options={"parameters": parameters, "extrapolate": True})
+        options = {"parameters": parameters, "extrapolate": True}
+        observation, _ = env.reset(seed=int(metadata["seed"]), options=options)
         difference = [np.abs(observation - episode.observations[0]) / scale]
         for action, following, reward in zip(episode.actions, episode.observations[1:], episode.rewards):
             observation, got, *_ = env.step(action)
