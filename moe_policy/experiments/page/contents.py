@@ -14,6 +14,7 @@ from moe_policy.control.tracking import TrackingPolicy
 from moe_policy.experiments.figures.style import looks
 from moe_policy.experiments.page.packing import Packing
 from moe_policy.experiments.page.program import longest, program
+from moe_policy.experiments.page.rounding import rounded
 from moe_policy.planners.arrays import PlannerArrays
 from moe_policy.planners.nearest import NearestPlanner
 from moe_policy.planners.network import NetworkPlanner
@@ -34,32 +35,39 @@ class Shown:
         env: id of the problem.
         mixture: name of the shipped mixture.
         stored: largest number of stored optima.
+        rounded: whether weights have 8 bits: those of the sphere would take twice as much as all else.
     """
 
     env: str
     mixture: str
     stored: int
+    rounded: bool = False
+
+    @property
+    def planners(self) -> dict[str, NetworkPlanner]:
+        """The shipped planners by their names on the page, rounded as on the page."""
+        names = {"snn": "snn", "mixture": self.mixture}
+        found = {key: moe_policy.load(self.env, name, kind=NetworkPlanner) for key, name in names.items()}
+        return {key: rounded(planner) if self.rounded else planner for key, planner in found.items()}
 
 
-#: Problems that the page can show, by the names of their files.
+#: Problems that the page shows, by the names of their files.
 SHOWN: Mapping[str, Shown] = {
     "pendulum": Shown("PendulumSwingup-v0", "moe-custom", 650),
     "vehicle": Shown("GroundVehicle-v0", "moe-custom", 400),
-    "sphere": Shown("QuadcopterObstacle-v0", "moe-custom", 200),
+    "sphere": Shown("QuadcopterObstacle-v0", "moe-custom", 200, rounded=True),
 }
-#: Those of the committed page: the networks of the sphere alone take four times as much as all else.
-USUAL = ("pendulum", "vehicle")
 
 
 def contents(shown: Shown, sources: Path) -> Json:
     """All that the page needs for the problem ``shown``, with the C of the program in the folder ``sources``."""
-    single, mixture = (moe_policy.load(shown.env, name, kind=NetworkPlanner) for name in ("snn", shown.mixture))
-    problem = single.problem
-    policy, packing = TrackingPolicy(problem, single), Packing()
+    planners, packing = shown.planners, Packing(shown.rounded)
+    policy = TrackingPolicy(planners["snn"].problem, planners["snn"])
+    problem = policy.problem
     found: Json = {
         **_declaration(problem, policy.dt),
         "colors": {name: _COLORS[name] for name in ("snn", "mixture", "nearest")},
-        "planners": {"snn": _network(single, packing), "mixture": _network(mixture, packing)},
+        "planners": {name: _network(planner, packing) for name, planner in planners.items()},
         "nearest": _stored(moe_policy.load(problem, "nearest", kind=NearestPlanner), shown.stored, packing),
         "program": packing.place(np.frombuffer(program(policy, sources), np.uint8), "uint8"),
     }
@@ -119,7 +127,7 @@ def _network(planner: NetworkPlanner, packing: Packing) -> Json:
 
 def _layers(network: SingleNetwork, packing: Packing) -> Sequence[Json]:
     return [
-        {"inputs": weight.shape[1], "weights": packing.place(weight), "biases": packing.place(bias)}
+        {"inputs": weight.shape[1], "weights": packing.weight(weight), "biases": packing.place(bias)}
         for weight, bias in zip(network.weights, network.biases)
     ]
 

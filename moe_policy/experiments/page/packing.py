@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import base64
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from moe_policy.experiments.page.rounding import whole
+
 #: Bytes at whose multiples arrays begin, as JavaScript's views of a buffer need.
 ALIGNMENT = 8
 
-#: An array as JavaScript finds it: type, first byte, number of values.
-Place = dict[str, str | int]
+#: An array as JavaScript finds it: type, first byte, number of values, and where its units are, if it has any.
+Place = dict[str, Any]
 
 
 class Packing:
-    """Collects arrays; :meth:`place` adds one, :meth:`text` is the block of all."""
+    """Collects arrays; :meth:`place` adds one, :meth:`text` is the block of all.
 
-    def __init__(self) -> None:
+    Args:
+        rounded: whether weights have 8 bits.
+    """
+
+    def __init__(self, rounded: bool = False) -> None:
+        self.rounded = rounded
         self._parts: list[bytes] = []
         self._size = 0
 
@@ -35,6 +43,13 @@ class Packing:
         self._parts.append(content)
         self._size += len(content)
         return {"type": array.dtype.name, "at": begin, "size": array.size}
+
+    def weight(self, weight: NDArray[np.float32]) -> Place:
+        """Where a ``weight`` (outputs, inputs) lies; :attr:`rounded`, as whole numbers and the unit of each row."""
+        if not self.rounded:
+            return self.place(weight)
+        numbers, units = whole(weight)
+        return {**self.place(numbers, "int8"), "units": self.place(units)}
 
     def text(self) -> str:
         """The block of all arrays in base64."""

@@ -1,6 +1,6 @@
 // Arrays of the block in which the page's data lie; see moe_policy/experiments/page/packing.py.
 
-const KINDS = { float64: Float64Array, float32: Float32Array, uint8: Uint8Array };
+const KINDS = { float64: Float64Array, float32: Float32Array, int8: Int8Array, uint8: Uint8Array };
 
 /** The bytes of a text in base64. */
 function bytes(text) {
@@ -20,9 +20,20 @@ function halves(codes) {
   return made;
 }
 
+/** Whole numbers, row by row, in the units of their rows. */
+function inUnits(numbers, units) {
+  const made = new Float32Array(numbers.length), width = numbers.length / units.length;
+  for (let i = 0; i < numbers.length; i++) made[i] = numbers[i] * units[Math.floor(i / width)];
+  return made;
+}
+
 /** A function that returns the array at a place of the block `text`. */
 export function reader(text) {
   const { buffer } = bytes(text);
-  return ({ type, at, size }) =>
-    type === "float16" ? halves(new Uint16Array(buffer, at, size)) : new KINDS[type](buffer, at, size);
+  function read({ type, at, size, units }) {
+    if (type === "float16") return halves(new Uint16Array(buffer, at, size));
+    const found = new KINDS[type](buffer, at, size);
+    return units ? inUnits(found, read(units)) : found;
+  }
+  return read;
 }

@@ -99,8 +99,9 @@ export const SPHERE = {
   },
   scene(g, { width, height, colors, methods, problem, time, p }) {
     const rows = methods.map((method) => states(method, problem, method.episode.planned)), r = p[6];
-    const corners = [-r, r].flatMap((a) => [[a, 0, 0], [0, a, 0], [0, 0, a]]).map((d) => d.map((value, i) => p[3 + i] + value));
-    const to = camera.fitted([...corners, [0, 0, 0], p.slice(0, 3), ...rows.flat()], width, height, 34);
+    const around = (center, a) => [-a, a].flatMap((b) => [0, 1, 2].map((k) => center.map((value, i) => value + (i === k ? b : 0))));
+    const shown = [...around(p.slice(3, 6), r), ...around(p.slice(0, 3), ARM), ...around([0, 0, 0], ARM), ...rows.flat()];
+    const to = camera.fitted(shown, width, height, 34);
     ground(g, to, colors);
     const [u, v, depth] = to(p.slice(3, 6)), hidden = ([a, b, d]) => d < depth && Math.hypot(a - u, b - v) < r * to.size;
     const lines = methods.map(({ color, dash }, i) => ({ color, dash, points: rows[i].map(to) }));
