@@ -78,17 +78,22 @@ PAPER_SIZES: Mapping[str, Architecture] = MappingProxyType(
 )
 
 
+_NARROW = Architecture((200, 200), (50, 50), Experts((50, 50), (50, 50)))
+#: Sizes of other problems of the benchmark where they are not the default.
+_OWN_SIZES: Mapping[str, Architecture] = MappingProxyType(
+    {"PendulumUncertain-v0": _NARROW, "QuadcopterRecovery-v0": _NARROW}
+)
+#: Sizes of the networks of any other problem.
+_DEFAULT = Architecture((200, 200), (50, 50), Experts((100, 100), (100, 100)))
+
+
 def architecture_of(problem: OptimalControlProblem) -> Architecture:
     """The default architecture of ``problem``: the paper's where it has one.
 
-    Any other problem has one hidden layer of 200 units for up to three parameters and two for more; experts have half
-    of the width, and the gate a quarter.
+    Networks of any other problem have two hidden layers, of 200 units in a single network, of half as many in experts
+    and of a quarter in the gate.
     """
-    if problem.id in PAPER_SIZES:
-        return PAPER_SIZES[problem.id]
-    depth = 1 if len(problem.parameters) <= 3 else 2
-    experts = Experts((100,) * depth, (100,) * depth)
-    return Architecture((200,) * depth, (50,) * depth, experts)
+    return PAPER_SIZES.get(problem.id) or _OWN_SIZES.get(problem.id, _DEFAULT)
 
 
 def layer_sizes(problem: OptimalControlProblem, hidden: Hidden, outputs: int | None = None) -> tuple[int, ...]:

@@ -6,18 +6,24 @@ from moe_policy.experiments.benchmark.parts import Benchmark, Planners, Training
 from moe_policy.experiments.perturbations import SENSING, Perturbation, disturbance, mismatch
 from moe_policy.learning.settings import TrainingSettings
 
-_BATCH = 128
 _LEVELS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0)
 
 
 def _benchmark(
-    short: str, planners: tuple[str, ...], epochs: int, perturbations: tuple[Perturbation, ...], stored: int = 1_000
+    short: str,
+    planners: tuple[str, ...],
+    epochs: int,
+    perturbations: tuple[Perturbation, ...],
+    stored: int = 1_000,
+    batch: int = 128,
 ) -> Benchmark:
-    """The benchmark called ``short`` whose ``planners`` are trained for ``epochs``, and compared."""
+    """The benchmark called ``short`` whose ``planners`` are trained for ``epochs`` with minibatches of ``batch``, and
+    compared.
+    """
     return Benchmark(
         short=short,
         planners=Planners(compared=planners, trained=planners, stored=stored),
-        training=Training(settings=TrainingSettings(epochs=epochs, batch=_BATCH, gate_batch=_BATCH)),
+        training=Training(settings=TrainingSettings(epochs=epochs, batch=batch, gate_batch=batch)),
         perturbations=(*perturbations, *SENSING),
     )
 
@@ -44,6 +50,7 @@ UNCERTAIN_PENDULUM = _benchmark(
         disturbance("rad/s²", "omega", levels=_LEVELS),
     ),
     stored=1_500,
+    batch=64,
 )
 ROCKET = _benchmark(
     "rocket",
@@ -68,7 +75,7 @@ TWO_LINK_ARM = _benchmark(
 PLANAR_QUADCOPTER = _benchmark(
     "discs",
     ("snn", "moe-custom", "moe-kmeans-8"),
-    150,
+    300,
     (
         mismatch("mass", "mass"),
         mismatch("inertia", "inertia"),
@@ -84,4 +91,5 @@ QUADCOPTER_RECOVERY = _benchmark(
         mismatch("inertia", "inertia_x", "inertia_y", "inertia_z"),
         disturbance("m/s²", "vx", "vy", "vz", levels=_LEVELS),
     ),
+    batch=64,
 )
