@@ -1,6 +1,7 @@
 """A solver without a child process: for tests that replace parts of it, or have no time to start one."""
 
-from ocp_envs.solvers.nlp import NlpSolver, SolverSettings
+from ocp_envs.solvers.nlp import SolverSettings
+from ocp_envs.solvers.nlp_solver import NlpSolver
 from ocp_envs.solvers.solver import GuardedSolver
 
 

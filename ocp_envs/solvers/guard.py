@@ -22,7 +22,8 @@ from collections.abc import Iterator, Sequence
 from ocp_envs.solvers.channel import Channel, Gone, Silent
 from ocp_envs.solvers.child import Child, Factory
 from ocp_envs.solvers.cpu_limit import Limits
-from ocp_envs.solvers.nlp import NlpSolver, Result, SolverSettings, Status, Task
+from ocp_envs.solvers.nlp import Result, SolverSettings, Status, Task
+from ocp_envs.solvers.nlp_solver import NlpSolver
 from ocp_envs.solvers.transcription import Transcription
 
 #: Tasks sent ahead, so that the child never waits for its parent; few enough to fit into a pipe's buffer.

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from ocp_envs import problems
-from ocp_envs.solvers import compilation, nlp
+from ocp_envs.solvers import compilation
 from ocp_envs.solvers.compilation import build_solver
 from ocp_envs.solvers.derivatives import written_out
-from ocp_envs.solvers.nlp import Backend, SolverSettings, Task
+from ocp_envs.solvers.nlp import SolverSettings, Task
+from ocp_envs.solvers.plugins import Plugin, _options
 from ocp_envs.solvers.transcription import transcribe
 from ocp_envs.support.compiler import find_compiler
 from tests.small_problems import DOUBLE_INTEGRATOR, WALLED_INTEGRATOR
@@ -23,7 +24,7 @@ needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="needs a C c
 
 
 def casadis(program):
-    options = nlp._options(program, "fatrop", 1e-6, 150)
+    options = _options(program, "fatrop", 1e-6, 150)
     return ca.nlpsol("solver", "fatrop", program.nlp, options)
 
 
@@ -68,8 +69,8 @@ def test_long_functions_stay_loops(monkeypatch):
 @needs_compiler
 def test_iterations_are_those_of_the_interpreted_program():
     program = transcribe(WALLED_INTEGRATOR)
-    options = nlp._options(program, "fatrop", SolverSettings().tolerance, 150)
-    backends = [Backend(program, make) for make in (build_solver("fatrop", program, options), casadis(program))]
+    options = _options(program, "fatrop", SolverSettings().tolerance, 150)
+    backends = [Plugin(program, make) for make in (build_solver("fatrop", program, options), casadis(program))]
     guess = np.clip(np.random.default_rng(0).uniform(-0.3, 0.3, len(program.lower)), program.lower, program.upper)
     task = Task(guess, np.array([3.0, 0.0, 8.0]), 0)
     (one, first), (other, second) = [backend.run(task, *program.bounds(0, task.parameter[2:])) for backend in backends]

@@ -16,7 +16,8 @@ import pytest
 from ocp_envs.solvers import guard
 from ocp_envs.solvers.guard import Guard
 from ocp_envs.solvers.guesses import guesses
-from ocp_envs.solvers.nlp import NlpSolver, SolverSettings, Status
+from ocp_envs.solvers.nlp import SolverSettings, Status
+from ocp_envs.solvers.nlp_solver import NlpSolver
 from ocp_envs.solvers.solutions import make_tasks
 from ocp_envs.solvers.solver import GuardedSolver
 from ocp_envs.solvers.transcription import transcribe
