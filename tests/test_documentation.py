@@ -41,6 +41,15 @@ def test_every_environment_has_a_page_with_its_animation():
         assert page.startswith(f"# {problem.id}\n\n![An optimal episode](../animations/{problem.id}.webp)\n")
 
 
+def test_what_pages_link_to_in_html_is_there():
+    """The build of the documentation checks the links of Markdown alone."""
+    links = [
+        (path, link) for path in DOCS.glob("*.md") for link in re.findall(r'(?:href|src)="([^"]+)"', path.read_text())
+    ]
+    assert links
+    assert [(path.name, link) for path, link in links if "://" not in link and not (DOCS / link).exists()] == []
+
+
 def test_links_of_the_results_lead_from_the_folder_of_the_documentation():
     page = _generated().results()
     assert "](../results/" in page

@@ -60,7 +60,7 @@ class Beyond:
 
     @property
     def excess(self) -> Array:
-        """The value gap (J_k − J*) / |J*| of every family at every sample, (M, k); +inf where it is not known."""
+        """The value gap ``(J_k − J*) / |J*|`` of every family at every sample, (M, k); +inf where it is not known."""
         best = self.best[:, None]
         return np.asarray((self.cost - best) / np.abs(best))
 
