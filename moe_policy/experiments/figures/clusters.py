@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from moe_policy.experiments.figures.style import (
-    COLORS,
     INK,
     Axes,
     Figure,
     cluster_color,
     coordinate_text,
     label_state,
+    looks,
     save_figure,
 )
 from moe_policy.learning.clustering import Labels
@@ -56,8 +56,9 @@ def discontinuity_figure(
         axes[0, 0].set_title("optimal trajectories")
         axes[1, 0].set_title("the same by cluster")
         for ax, (name, plan) in zip(axes[:, 1], predictions.items()):
-            ax.plot(optimal.states[0, :, 0], optimal.states[0, :, 1], color=COLORS[0], label="optimal")
-            ax.plot(plan.states[0, :, 0], plan.states[0, :, 1], "--", color=COLORS[1], label=name)
+            colors = {key: look["color"] for key, look in looks(["optimal", name]).items()}
+            ax.plot(optimal.states[0, :, 0], optimal.states[0, :, 1], color=colors["optimal"], label="optimal")
+            ax.plot(plan.states[0, :, 0], plan.states[0, :, 1], "--", color=colors[name], label=name)
             ax.set_title(f"prediction of {name} near the discontinuity")
             ax.legend(loc="best", fontsize=8)
         for ax in axes.ravel():

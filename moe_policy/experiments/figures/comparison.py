@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from moe_policy.experiments.comparison import MarginRow
-from moe_policy.experiments.figures.style import COLORS, Axes, Figure, Panels, looks, save_figure
+from moe_policy.experiments.figures.style import Axes, Figure, Panels, looks, save_figure
 from moe_policy.experiments.seeds import TrainingRow
 from moe_policy.reports.records import Absent, present
 from moe_policy.rollouts.metrics import Metrics
@@ -106,7 +106,8 @@ def _wrong(of: Values, cases: int | None, row: TrainingRow) -> Array:
 
 def _panel(axes: Axes, rows: Sequence[TrainingRow], wrong: Callable[[TrainingRow], Array]) -> None:
     """A curve and its band for each model."""
-    for color, name in zip(COLORS, dict.fromkeys(row.name for row in rows)):
+    for name, look in looks(row.name for row in rows).items():
+        color = look["color"]
         chosen = sorted((row for row in rows if row.name == name), key=lambda row: row.samples)
         counts = [row.samples for row in chosen]
         low, median, high = np.array([np.quantile(wrong(row), [0, 0.5, 1]) for row in chosen]).T
@@ -121,19 +122,22 @@ def margins_figure(path: str | Path, rows: Sequence[MarginRow]) -> Path:
         curves.setdefault(row.row.name, []).append(row)
 
     def draw(figure: Figure) -> None:
-        axes = figure.subplots()
-        colors = iter(COLORS)
-        for name, curve in curves.items():
+        axes, styles = figure.subplots(), looks(curves)
+        for i, (name, curve) in enumerate(curves.items()):
             optimum = curve[0].margin is None
             metrics = [row.row.metrics for row in curve]
             cost = [100 * ((m.relative_cost or np.nan) - 1) for m in metrics]
             violation = [np.nan if m.violation is None else m.violation.mean.mean for m in metrics]
-            form, color, size = ("*", "black", 9) if optimum else ("o-", next(colors), 4)
+            form, color, size = ("*" if optimum else "o-", styles[name]["color"], 9 if optimum else 4)
             axes.plot(cost, violation, form, color=color, label=name, markersize=size)
             for row, x, y in zip(curve, cost, violation):
                 if row.margin is not None:
                     text = f"{row.margin:g}"
-                    axes.annotate(text, (x, y), xytext=(3, 3), textcoords="offset points", fontsize=7, color=color)
+                    first = i <= 1  # after the optimum; curves may be close to each other
+                    beside, side = ((3, 3), "left") if first else ((-3, -8), "right")
+                    axes.annotate(
+                        text, (x, y), xytext=beside, textcoords="offset points", fontsize=7, color=color, ha=side
+                    )
         axes.set(xlabel="cost above the tracked optimum, %", ylabel="mean violation on the whole path, m")
         axes.set_ylim(bottom=0.0)
         axes.set_title("margins on the radius, m")

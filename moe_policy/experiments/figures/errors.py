@@ -31,7 +31,7 @@ def error_figure(path: str | Path, errors: Mapping[str, tuple[Array, Array]], ra
         for ax in axes[-1]:
             ax.set_xlabel("error of the predicted end")
         for ax in axes[:, 0]:
-            ax.set_ylabel("error after the hold")
+            ax.set_ylabel("error after terminal regulation")
 
     return save_figure(path, (9.0, 2.4 * -(-len(errors) // 3)), draw)
 

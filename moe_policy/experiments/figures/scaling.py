@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
-from moe_policy.experiments.figures.style import COLORS, Axes, Figure, save_figure
+from moe_policy.experiments.figures.style import Axes, Figure, cluster_color, save_figure
 from moe_policy.experiments.speed.scaling import BatchRow, Scaling, WorkerRow
 from moe_policy.reports.tables import duration
 
 _TITLES = {"steps": "control steps", "plans": "plans", "solves": "solves"}
 #: Quantities whose rates range over decades.
 _LOGARITHMIC = ("steps", "plans")
-_MARKERS = "osD^vPX*"
+_MARKERS = "osD^vPX*<>hp"
+Row = TypeVar("Row")
 
 
 def scaling_figure(record: Scaling, path: Path) -> Path:
@@ -31,8 +32,14 @@ def scaling_figure(record: Scaling, path: Path) -> Path:
     return save_figure(path, (3.5 * len(quantities), 6.0), draw)
 
 
+def _marked(rows: Sequence[Row]) -> Iterator[tuple[Row, str, str]]:
+    """``rows`` of problems, each with its colour and its marker."""
+    for i, row in enumerate(rows):
+        yield row, cluster_color(i), _MARKERS[i % len(_MARKERS)]
+
+
 def _batches(axes: Axes, quantity: str, rows: Sequence[BatchRow]) -> None:
-    for row, color, marker in zip(rows, itertools.cycle(COLORS), itertools.cycle(_MARKERS)):
+    for row, color, marker in _marked(rows):
         sizes = [int(size) for size in row.per_second]
         axes.plot(sizes, list(row.per_second.values()), color=color, marker=marker, ms=4, label=row.env_id)
         model = [size / (row.call_seconds + size * row.row_seconds) for size in sizes]
@@ -53,7 +60,7 @@ def _limits(rows: Sequence[BatchRow]) -> str:
 
 
 def _workers(axes: Axes, rows: Sequence[WorkerRow]) -> None:
-    for row, color, marker in zip(rows, itertools.cycle(COLORS), itertools.cycle(_MARKERS)):
+    for row, color, marker in _marked(rows):
         ratios = row.ratio_to_one
         axes.plot(list(ratios), list(ratios.values()), color=color, marker=marker, ms=5, linestyle="none")
     axes.margins(x=0.2, y=0.1)

@@ -55,6 +55,7 @@ METHODS = {
     "checked": "#44aa99",
     "tqc": "#999933",
     "bc": "#aa4499",
+    "ppo-bc": "#7f4f21",
 }
 _LINES = ("-", "--", ":", "-.")
 #: Formats of figures, and the metadata that is left out, so that equal figures are equal files.
