@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from moe_policy.experiments.figures import clusters, errors
-from moe_policy.experiments.figures.style import COLORS, STYLE
+from moe_policy.experiments.figures.style import COLORS, METHODS, STYLE
 from moe_policy.learning.clustering import cluster
 from moe_policy.planners.nearest import NearestPlanner
 from tests.synthetic import fake_samples
@@ -35,14 +35,14 @@ def has(picture, color):
 
 def test_the_jump(tmp_path):
     optimal = SAMPLES.trajectory[0]
-    plans = {"snn": SAMPLES.trajectory[1], "moe": NearestPlanner(SAMPLES)(SAMPLES.parameters[:1])}
+    plans = {"snn": SAMPLES.trajectory[1], "moe-custom": NearestPlanner(SAMPLES)(SAMPLES.parameters[:1])}
     labels = cluster(SAMPLES, "custom")
     path = clusters.discontinuity_figure(tmp_path / "new" / "jump.png", SAMPLES, labels, optimal, plans)
     picture = pixels(path, (9.0, 6.5))
     below, middle = (length // 2 for length in picture.shape[:2])
     assert all(has(picture[below:, :middle], color) for color in (*COLORS[:3], "#d62728"))  # three clusters, the goals
-    for prediction in (picture[:below, middle:], picture[below:, middle:]):
-        assert all(has(prediction, color) for color in COLORS[:2])  # the optimum, and the plan
+    for name, prediction in {"snn": picture[:below, middle:], "moe-custom": picture[below:, middle:]}.items():
+        assert all(has(prediction, METHODS[method]) for method in ("optimal", name))
     assert [file.name for file in path.parent.iterdir()] == ["jump.png"]
 
 
