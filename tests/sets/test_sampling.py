@@ -465,3 +465,17 @@ def test_the_script_makes_both_tables_and_keeps_those_that_are_there(monkeypatch
     assert record["errors"]["1"] == table["error"] > 0.01
     with pytest.raises(SystemExit, match="uniformly"):
         run_script(monkeypatch, tmp_path, "--env", "PendulumSwingup-v0")
+
+
+@pytest.mark.parametrize("packed", [True, False], ids=["as now", "as earlier"])
+def test_a_table_of_paths_is_kept_without_loss(monkeypatch, packed):
+    table, kept = free_paths.shipped(QUADCOPTER_OBSTACLE), {}
+    monkeypatch.setattr(free_paths.tables, "save", lambda problem, name, **arrays: kept.update(arrays))
+    free_paths.ship(QUADCOPTER_OBSTACLE, table)
+    if not packed:
+        whole = free_paths.unpack(kept.pop("packed").tobytes())
+        kept["spines"] = whole.reshape(table.spines.shape).astype(np.int16)
+    monkeypatch.setattr(free_paths.tables, "load", lambda problem, name: kept)
+    again = free_paths.shipped.__wrapped__(QUADCOPTER_OBSTACLE)
+    for name in ("scale", "parameters", "spines", "error", "ratio"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(table, name))
