@@ -25,7 +25,7 @@ from ocp_envs.trajectory import Trajectory
 
 def _phase_labels(axes: Axes, problem: OptimalControlProblem) -> None:
     for coordinate, setter in zip(problem.system.state.coordinates[:2], (axes.set_xlabel, axes.set_ylabel)):
-        setter(f"{coordinate.name}, {coordinate.unit}")
+        setter(f"{coordinate_text(coordinate.name)}, {coordinate.unit}")
     axes.plot(*problem.targets[:, :2].T, "o", color="#d62728", markersize=5, zorder=3)
 
 
@@ -77,8 +77,8 @@ def clusters_figure(path: str | Path, samples: Samples, partitions: Mapping[str,
             colors = [cluster_color(value) for value in labels.values]
             ax.scatter(p[:, 0], p[:, 1], c=colors, s=6, linewidths=0)
             ax.set_title(f"{name}: {', '.join(str(size) for size in labels.sizes)}", fontsize=7)
-            ax.set_xlabel(f"{box.names[0]}, {box.coordinates[0].unit}")
-        axes[0].set_ylabel(f"{box.names[1]}, {box.coordinates[1].unit}")
+            ax.set_xlabel(f"{coordinate_text(box.names[0])}, {box.coordinates[0].unit}")
+        axes[0].set_ylabel(f"{coordinate_text(box.names[1])}, {box.coordinates[1].unit}")
 
     return save_figure(path, (3.2 * len(partitions), 3.0), draw)
 

@@ -129,7 +129,7 @@ def interpolation_figure(
             plane.plot(x[0], y[0], "o", color=style["color"], markersize=3, zorder=style["zorder"])
             history.plot(plan.times[0], plan.states[0, :, index], **style)
             history.plot(plan.times[0, -1], plan.states[0, -1, index], "o", color=style["color"], markersize=3)
-        history.plot([], [], " ", label="neighbours by mode:")
+        history.plot([], [], " ", label="neighbours by family:")
         for mode, count in zip(*np.unique(neighbours.mode, return_counts=True)):
             name = f"{coordinate_text(problem.modes.names[mode])} ({count})"
             history.plot([], [], color=cluster_color(int(mode)), linewidth=1.0, label=name)
