@@ -1,9 +1,10 @@
 """Verified solutions per second: the solver of this package against plain CasADi ``Opti`` with IPOPT.
 
-Both get the same instances, guesses and nonlinear program (every winding of the goal is one solve), tolerance 1e-6 and
+All get the same instances, guesses and nonlinear program (every winding of the goal is one solve), tolerance 1e-6 and
 one core; ``Opti`` is built once and gets its parameters for each solve. Everything is timed: the guard, all attempts,
 the transfer and the independent check. Building and compiling come before and are reported separately. Our solver runs
-as in multistart, which tries another guess rather than the fallback where a solve did not converge.
+as in multistart, which tries another guess rather than the fallback where a solve did not converge; with fatrop as
+primary solver ("ours") and with the interior-point method in C ("riccati").
 
 Guesses: straight lines, random ones (cold), the solution of the nearest of ``--stored`` solved instances (warm), and a
 linear fit through the nearest of them (fit). The ratio "plain" is what a user of ``Opti`` gains: our highest rate
@@ -19,6 +20,7 @@ from moe_policy.experiments import cli
 from moe_policy.experiments.speed.solver import (
     KINDS,
     ON_ONE_CORE,
+    RICCATI,
     PlainOpti,
     Solve,
     SolverSpeed,
@@ -42,11 +44,14 @@ def main() -> None:
     problem, seed, tolerance = arguments.problem, arguments.seed, ON_ONE_CORE.tolerance
     parameters, windings = draw(problem, arguments.cases, seed)
     compared = {}
-    with GuardedSolver(problem, ON_ONE_CORE) as ours:
+    with GuardedSolver(problem, ON_ONE_CORE) as ours, GuardedSolver(problem, RICCATI) as riccati:
         began = time.perf_counter()
         ours.start()
         start_seconds = time.perf_counter() - began
-        solvers: dict[str, Solve] = {"ours": partial(ours.solve, retry_with_fallback=False)}
+        riccati.start()
+        solvers: dict[str, Solve] = {
+            name: partial(one.solve, retry_with_fallback=False) for name, one in (("ours", ours), ("riccati", riccati))
+        }
         for name, expand in (("opti", False), ("opti_expanded", True)):
             solvers[name] = PlainOpti(problem, tolerance, expand).solve
         guesses = all_guesses(problem, ours.solve, parameters, arguments.stored, seed)
@@ -64,11 +69,15 @@ def main() -> None:
         start_seconds=start_seconds,
         **compared,
         plain=plain_ratio(compared),
+        plain_riccati=plain_ratio(compared, "riccati"),
         provenance=provenance(),
     )
     cli.publish(arguments, f"benchmark_solver_{problem.id}", record)
     if record.plain:
-        cli.say(f"our highest rate to the highest of Opti without a warm start: {record.plain:.1f}")
+        cli.say(
+            "our highest rates to the highest of Opti without a warm start: "
+            f"{record.plain:.1f}, {record.plain_riccati:.1f}"
+        )
 
 
 if __name__ == "__main__":

@@ -22,9 +22,13 @@ def rate(per_second):
     )
 
 
-def comparison(ours, opti, expanded):
+def comparison(ours, opti, expanded, **more):
     return solver.Comparison(
-        ours=rate(ours), opti=rate(opti), opti_expanded=rate(expanded), ratio_to_the_better=ours / max(opti, expanded)
+        ours=rate(ours),
+        opti=rate(opti),
+        opti_expanded=rate(expanded),
+        ratio_to_the_better=ours / max(opti, expanded),
+        **more,
     )
 
 
@@ -35,6 +39,16 @@ def test_the_plain_ratio_sets_our_best_guess_against_opti_without_a_warm_start()
     }
     assert solver.plain_ratio(compared) == 6.0
     assert solver.plain_ratio({"warm": compared["warm"]}) is ABSENT
+    assert solver.plain_ratio(compared, "riccati") is ABSENT
+    both = {"line": comparison(10.0, 4.0, 5.0, riccati=rate(50.0), riccati_ratio=10.0)}
+    assert solver.plain_ratio(both, "riccati") == 10.0
+
+
+def test_a_comparison_tells_the_rates_of_the_solvers_that_were_measured():
+    assert comparison(10.0, 4.0, 5.0).text("line").splitlines()[-1] == "line  ratio to the better Opti: 2.0"
+    text = comparison(10.0, 4.0, 5.0, riccati=rate(50.0), riccati_ratio=10.0).text("line")
+    assert "riccati" in text
+    assert text.splitlines()[-1] == "line  ratio to the better Opti: 2.0, 10.0"
 
 
 def test_settings_differ_from_the_default_in_what_their_name_says():

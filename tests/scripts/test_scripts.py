@@ -617,8 +617,9 @@ def test_benchmark_solver(script, run, monkeypatch, tmp_path):
     run(script("benchmark_solver"), *arguments)
     record = read(tmp_path / f"benchmark_solver_{PENDULUM.id}.json")
     for kind in ("cold", "warm"):
-        assert record[kind]["ours"]["verified"] > 0
-        assert record[kind]["ratio_to_the_better"] > 0
+        for solver, ratio in (("ours", "ratio_to_the_better"), ("riccati", "riccati_ratio")):
+            assert record[kind][solver]["verified"] > 0
+            assert record[kind][ratio] > 0
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -35,6 +35,8 @@ KINDS = ("line", "cold", "warm", "fit")
 OPTI = ("opti", "opti_expanded")
 #: On a core of its own a solve that takes a second hangs.
 ON_ONE_CORE = SolverSettings(hang_factor=25.0, hang_floor=1.0)
+#: The same with the interior-point method in C.
+RICCATI = replace(ON_ONE_CORE, primary="riccati")
 #: (parameters, guesses, windings of the goal) → solutions.
 Solve = Callable[[Array, Trajectory, Ints], Solutions]
 
@@ -54,30 +56,38 @@ class Rate(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison(Record):
-    """All solvers with one kind of guess; ratio: rate of ours / the larger rate of the two others."""
+    """All solvers with one kind of guess; ratio: rate of ours / the larger rate of ``Opti``.
+
+    ``riccati`` is ours with that method in C as primary solver, ``riccati_ratio`` its ratio.
+    """
 
     ours: Rate
     opti: Rate
     opti_expanded: Rate
     ratio_to_the_better: float
+    riccati: Rate | Absent = ABSENT
+    riccati_ratio: float | Absent = ABSENT
 
     def text(self, kind: str) -> str:
         """Rates in a few lines."""
         lines = []
-        for name in ("ours", *OPTI):
-            rate: Rate = getattr(self, name)
-            lines.append(
-                f"{kind:5s} {name:14s} {rate.verified:5d} verified, {rate.verified_per_second:8.1f} per second, "
-                f"{rate.iterations_median:.0f} iterations"
-            )
-        return "\n".join([*lines, f"{kind:5s} ratio to the better Opti: {self.ratio_to_the_better:.1f}"])
+        for name in ("ours", "riccati", *OPTI):
+            rate: Rate | Absent = getattr(self, name)
+            if rate is not ABSENT:
+                lines.append(
+                    f"{kind:5s} {name:14s} {rate.verified:5d} verified, {rate.verified_per_second:8.1f} per second, "
+                    f"{rate.iterations_median:.0f} iterations"
+                )
+        ratios = [f"{each:.1f}" for each in (self.ratio_to_the_better, self.riccati_ratio) if each is not ABSENT]
+        return "\n".join([*lines, f"{kind:5s} ratio to the better Opti: {', '.join(ratios)}"])
 
 
 @dataclass(frozen=True, kw_only=True)
 class SolverSpeed(Record):
     """The solver of this package against ``Opti`` on one problem, by kind of guess.
 
-    ``solves``: one for every winding of the goal of every instance; ``plain``: :func:`plain_ratio`.
+    ``solves``: one for every winding of the goal of every instance. ``plain``, ``plain_riccati``: :func:`plain_ratio` of
+    both of our solvers.
     """
 
     env_id: str
@@ -93,6 +103,7 @@ class SolverSpeed(Record):
     warm: Comparison | Absent = ABSENT
     fit: Comparison | Absent = ABSENT
     plain: float | Absent = ABSENT
+    plain_riccati: float | Absent = ABSENT
     provenance: Provenance
 
 
@@ -156,19 +167,27 @@ def measure(solve: Solve, parameters: Array, guess: Trajectory, windings: Ints) 
 def compare(
     solvers: Mapping[str, Solve], rounds: int, parameters: Array, guess: Trajectory, windings: Ints
 ) -> Comparison:
-    """The fastest of several ``rounds`` of "ours" and of `OPTI`; they take turns, so that other load affects all."""
+    """The fastest of several ``rounds`` of "ours", "riccati" and `OPTI`.
+
+    They take turns, so that other load affects all.
+    """
     tried = [{name: measure(s, parameters, guess, windings) for name, s in solvers.items()} for _ in range(rounds)]
     rates = {name: min((row[name] for row in tried), key=lambda rate: rate.seconds) for name in solvers}
     best = max(rates[name].verified_per_second for name in OPTI)
-    return Comparison(**rates, ratio_to_the_better=rates["ours"].verified_per_second / best)
+    ratio, riccati = (rates[name].verified_per_second / best for name in ("ours", "riccati"))
+    return Comparison(**rates, ratio_to_the_better=ratio, riccati_ratio=riccati)
 
 
-def plain_ratio(compared: Mapping[str, Comparison]) -> float | Absent:
-    """Highest rate of ours / highest rate of ``Opti`` without a warm start; absent if that was not measured."""
+def plain_ratio(compared: Mapping[str, Comparison], solver: str = "ours") -> float | Absent:
+    """Highest rate of ``solver``, "ours" or "riccati", to the highest of ``Opti`` without a warm start.
+
+    Absent if one of them was not measured in ``compared``.
+    """
     plain = [getattr(compared[kind], name) for kind in ("line", "cold") if kind in compared for name in OPTI]
-    if not plain:
+    rates = [rate for one in compared.values() if (rate := getattr(one, solver)) is not ABSENT]
+    if not plain or not rates:
         return ABSENT
-    return max(one.ours.verified_per_second for one in compared.values()) / max(r.verified_per_second for r in plain)
+    return max(rate.verified_per_second for rate in rates) / max(rate.verified_per_second for rate in plain)
 
 
 class PlainOpti:
