@@ -1,13 +1,13 @@
 /* A primal-dual interior-point method with a line search on an exact penalty (Nocedal & Wright, Numerical Optimization,
 2006, chapter 19; Waechter & Biegler, Mathematical Programming 106, 2006, for its details).
 
-The barrier parameter begins with a tenth of the guess's violation of the constraints, so that good guesses keep their
-solution family, and is reduced where the violation is smaller. While constraints are violated the step of h is damped:
+The barrier parameter begins in proportion to the guess's violation of the constraints and to its cost, so that good
+guesses keep their solution family, and is reduced where the violation is smaller. While constraints are violated the step of h is damped:
 a short motion violates them least, and the method would end there. */
 
 #define LEAST_BARRIER 1e-3
 #define MOST_BARRIER 1.0
-#define OF_VIOLATION 0.1
+#define OF_GUESS 2e-3
 #define DAMPING 30.0
 /* Guesses are moved inside by this part of a bound, or of the distance between bounds where that is less. */
 #define PUSH 1e-2
@@ -135,7 +135,7 @@ static int begin(state *w) {
   evaluate_trial(w);
   EACH_INEQUALITY w->now.s[c] = larger(w->at_trial.c[c], w->least[c] + PUSH * larger(1, fabs(w->least[c])));
   double sum = violation(w->now.z, w->now.s, &w->at_trial, w->defect, w->residual, &w->largest);
-  w->mu = smaller(MOST_BARRIER, larger(LEAST_BARRIER, OF_VIOLATION * sum));
+  w->mu = smaller(MOST_BARRIER, larger(LEAST_BARRIER, OF_GUESS * sum * fabs(total_cost(&w->at_trial))));
   w->shift = 0;
   w->penalty = 1e-6;
   central_multipliers(w);

@@ -86,8 +86,8 @@ class Comparison(Record):
 class SolverSpeed(Record):
     """The solver of this package against ``Opti`` on one problem, by kind of guess.
 
-    ``solves``: one for every winding of the goal of every instance. ``plain``, ``plain_riccati``: :func:`plain_ratio` of
-    both of our solvers.
+    ``solves``: one for every winding of the goal of every instance; ``plain`` and ``plain_riccati``: the
+    :func:`plain_ratio` of both of our solvers.
     """
 
     env_id: str
