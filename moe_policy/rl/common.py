@@ -89,7 +89,7 @@ class RLSettings(RewardShaping, LearnerSettings):
             see :class:`~moe_policy.rl.curriculum.VectorNearStarts`.
         nearness: how close to the goal these initial states lie, 1 or more.
         moving_starts: by how much of their scales the other coordinates deviate in these initial states.
-        first_radius: radius of the goal ball at first, which is that of the problem from half of the steps on, see
+        first_radius: radius of the goal ball at first, which shrinks to that of the problem, see
             :class:`~moe_policy.rl.curriculum.VectorShrinkingGoal`; 0 for that of the problem from the beginning.
     """
 

@@ -18,35 +18,43 @@ from ocp_envs.problem import OptimalControlProblem
 from ocp_envs.support.arrays import Array
 from ocp_envs.system import Box
 
+#: The factor by which a goal ball shrinks, and the fraction of the episodes that have to end in it.
+SHRINKING, ARRIVED = 0.9, 0.8
+
 
 class VectorShrinkingGoal(VectorWrapper[Float32, Array, Float32, Array, Array]):
-    """Episodes end in a larger goal ball at first, which shrinks to that of the problem: a curriculum with a schedule.
+    """Episodes end in a larger goal ball at first, which shrinks to that of the problem as the learner gets better.
 
     Exploration enters a small ball in many coordinates only when its noise is small, and without entering it a learner
-    does not learn that this ends all costs. The radius falls geometrically.
+    does not learn that this ends all costs. The radius is multiplied by :data:`SHRINKING` where :data:`ARRIVED` of as
+    many episodes as there are rows, or more, have ended in the ball since the last time.
 
     Args:
         env: a vector environment made with ``terminate_at_goal=True`` and ``autoreset_mode="Disabled"``.
         first: the radius at first, larger than that of the problem.
-        decisions: number of decisions, all rows together, after which the radius is that of the problem.
     """
 
-    def __init__(self, env: Environments, first: float, decisions: float) -> None:
+    def __init__(self, env: Environments, first: float) -> None:
         super().__init__(env)
-        self._base, self._first, self._decisions, self._taken = base_of(env), first, decisions, 0
-
-    @property
-    def radius(self) -> float:
-        """The present radius."""
-        done, last = min(self._taken / self._decisions, 1.0), self._base.problem.goal.radius
-        return float(self._first ** (1 - done) * last**done)
+        self._base, self.radius = base_of(env), first
+        self._ended, self._arrived = 0, 0
 
     def step(self, actions: Array) -> tuple[Float32, Array, Array, Array, Info]:
         observations, rewards, terminated, truncated, info = self.env.step(actions)
-        self._taken += self.num_envs
         base = self._base
-        inside = base.problem.goal_error(base.state, base.context) < self.radius
-        return observations, rewards, np.logical_or(terminated, inside & ~base.left_box), truncated, info
+        inside = (base.problem.goal_error(base.state, base.context) < self.radius) & ~base.left_box
+        terminated = np.logical_or(terminated, inside)
+        self._count(int((terminated | truncated).sum()), int(inside.sum()))
+        return observations, rewards, terminated, truncated, info
+
+    def _count(self, ended: int, arrived: int) -> None:
+        """Shrink the ball where enough of the episodes that ``ended`` have ``arrived``."""
+        self._ended, self._arrived = self._ended + ended, self._arrived + arrived
+        if self._ended < self.num_envs:
+            return
+        if self._arrived >= ARRIVED * self._ended:
+            self.radius = max(SHRINKING * self.radius, self._base.problem.goal.radius)
+        self._ended, self._arrived = 0, 0
 
 
 def with_moving_starts(problem: OptimalControlProblem) -> OptimalControlProblem:

@@ -64,7 +64,7 @@ def training_env(problem: OptimalControlProblem, settings: RLSettings) -> SB3Vec
             envs, settings.near_starts, settings.seed, settings.moving_starts, problem, settings.nearness
         )
     if settings.first_radius:
-        envs = VectorShrinkingGoal(envs, settings.first_radius, settings.steps / 2)
+        envs = VectorShrinkingGoal(envs, settings.first_radius)
     encoding = settings.encoding(problem)
     seen = VectorFeatureObservation(VectorShapedReward(envs, settings), features_of(problem, encoding))
     return SB3VecEnv(VectorNormalisedAction(seen, actions_of(problem, encoding)))

@@ -54,12 +54,24 @@ def test_near_starts_can_be_in_motion_and_the_others_are_those_of_the_problem():
     assert 0.02 < np.std(states[~at_rest, 3:6]) / 5 < 0.3
 
 
-def test_the_goal_ball_shrinks_to_that_of_the_problem_and_episodes_end_in_it():
-    upright = np.array([np.pi, 0.0])
-    envs = VectorShrinkingGoal(environments(PENDULUM, 3, terminate_at_goal=True), first=0.4, decisions=6)
-    envs.reset(options={"parameters": upright + np.array([[0.3, 0.0], [0.15, 0.0], [0.05, 0.0]])})
+def test_the_goal_ball_shrinks_to_that_of_the_problem_as_episodes_end_in_it():
+    def stepped(offsets):
+        envs.reset(options={"parameters": [[np.pi + offset, 0.0] for offset in offsets]})
+        return envs.step(np.zeros((3, 1)))[2].tolist()
+
+    envs = VectorShrinkingGoal(environments(PENDULUM, 3, terminate_at_goal=True), first=0.12)
+    assert stepped([0.11, 0.105, 0.3]) == [True, True, False]
+    np.testing.assert_allclose(envs.radius, 0.12)  # two episodes have ended, which are fewer than there are rows
+    assert stepped([0.11, 0.105, 0.05]) == [True, True, True]
+    np.testing.assert_allclose(envs.radius, 0.108)
+    assert stepped([0.11, 0.105, 0.05]) == [False, True, True]
+    assert stepped([0.11, 0.105, 0.05]) == [False, True, True]
+    np.testing.assert_allclose(envs.radius, 0.1)
+    assert stepped([0.11, 0.105, 0.05]) == [False, False, True]
+
+
+def test_the_goal_ball_stays_as_large_where_episodes_end_elsewhere():
+    envs = VectorShrinkingGoal(environments(PENDULUM, 3, terminate_at_goal=True, time_limit=0.02), first=0.4)
+    envs.reset(options={"parameters": [[np.pi, 0.0], [0.0, 0.0], [1.0, 0.0]]})
+    envs.step(np.zeros((3, 1)))
     assert envs.radius == 0.4
-    for radius, ended in ((0.2, [False, True, True]), (0.1, [False, False, True]), (0.1, [False, False, True])):
-        _, _, terminated, _, _ = envs.step(np.zeros((3, 1)))
-        np.testing.assert_allclose(envs.radius, radius)
-        np.testing.assert_array_equal(terminated, ended)
