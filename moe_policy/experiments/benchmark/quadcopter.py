@@ -63,7 +63,7 @@ _REINFORCEMENT: dict[str, Any] = {
     "moving_starts": 0.3,
 }
 #: With exploration noise the goal ball of 0.1 in twelve states is never entered, and learners hover at its edge. A ball
-#: of 1.0 is, and shrinks.
+#: of 1.0 is, and shrinks as the learner gets better.
 _PPO = PPOSettings(
     **_REINFORCEMENT,
     steps=3_000_000,
@@ -71,7 +71,7 @@ _PPO = PPOSettings(
     log_std=-1.0,
     near_starts=0.7,
     first_radius=1.0,
-    evaluate_every=500_000,
+    evaluate_every=250_000,
 )
 #: The critic learns first, and steps are small: a clone is brittle, and with an unknown critic PPO destroys it.
 _PPO_BC = ClonedPPOSettings(
