@@ -28,7 +28,8 @@ GIVEN = {
     "learners": (
         "Samples of the environment alone: features of the state and the context, rewards (scaled and, where the "
         "settings say so, shaped with the distance to the goal or reduced by a price on it), and, where these say so, "
-        "many episodes that begin near the goal. The regulator at the goal is the linear one of the planners. The best "
+        "many episodes that begin near the goal, and a goal ball that is larger at first. The regulator at the goal is "
+        "the linear one of the planners. The best "
         "actor is chosen on the development set; the episodes of these evaluations do not count as steps, but their "
         "time is included in the wall time."
     ),

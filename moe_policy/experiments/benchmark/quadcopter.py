@@ -112,7 +112,7 @@ BENCHMARK = Benchmark(
         settings=TrainingSettings(epochs=400, learning_rate=5e-3, batch=32),
     ),
     learners=Learners(settings={"ppo": _PPO, "bc": _BC, "ppo-bc": _PPO_BC}, unattempted=_UNATTEMPTED),
-    overview=Overview(learner="ppo-bc", kmeans="moe-kmeans-4"),
+    overview=Overview(learner="ppo", kmeans="moe-kmeans-4"),
     published=published.QUADCOPTER,
     perturbations=_PERTURBATIONS,
     quick=Quick(training=1000, validation=300),
