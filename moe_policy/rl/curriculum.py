@@ -44,7 +44,7 @@ class VectorShrinkingGoal(VectorWrapper[Float32, Array, Float32, Array, Array]):
         base = self._base
         inside = (base.problem.goal_error(base.state, base.context) < self.radius) & ~base.left_box
         terminated = np.logical_or(terminated, inside)
-        self._count(int((terminated | truncated).sum()), int(inside.sum()))
+        self._count(int(np.logical_or(terminated, truncated).sum()), int(inside.sum()))
         return observations, rewards, terminated, truncated, info
 
     def _count(self, ended: int, arrived: int) -> None:
