@@ -90,7 +90,7 @@ TWO_LINK_ARM = OptimalControlProblem(
         state=Box(
             (
                 Coordinate("q1", -4 * np.pi, 4 * np.pi, "rad", scale=2.0, period=2 * np.pi),
-                Coordinate("q2", -2.9, 2.9, "rad", scale=2.0),
+                Coordinate("q2", -3.05, 3.05, "rad", scale=2.0),
                 *(Coordinate(n, -15.0, 15.0, "rad/s", scale=3.0) for n in ("w1", "w2")),
             )
         ),
@@ -114,6 +114,6 @@ TWO_LINK_ARM = OptimalControlProblem(
     hold=0.0,
     time_limit=12.0,
     longest_substep=0.005,
-    planned={"tau1": (-8.0, 8.0), "tau2": (-4.0, 4.0)},
+    planned={"q2": (-2.9, 2.9), "tau1": (-8.0, 8.0), "tau2": (-4.0, 4.0)},
     picture=Picture(limits=((-2.2, 2.2), (-2.2, 2.2)), body=_body, path=_path),
 )
