@@ -81,7 +81,11 @@ PAPER_SIZES: Mapping[str, Architecture] = MappingProxyType(
 _NARROW = Architecture((200, 200), (50, 50), Experts((50, 50), (50, 50)))
 #: Sizes of other problems of the benchmark where they are not the default.
 _OWN_SIZES: Mapping[str, Architecture] = MappingProxyType(
-    {"PendulumUncertain-v0": _NARROW, "QuadcopterRecovery-v0": _NARROW}
+    {
+        "PendulumUncertain-v0": _NARROW,
+        "CartPoleSwingup-v0": Architecture((200, 200), (50, 50), Experts((100, 100), (200, 200))),
+        "QuadcopterRecovery-v0": _NARROW,
+    }
 )
 #: Sizes of the networks of any other problem.
 _DEFAULT = Architecture((200, 200), (50, 50), Experts((100, 100), (100, 100)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from moe_policy.experiments.benchmark.parts import Benchmark, Planners, Training
 from moe_policy.experiments.perturbations import SENSING, Perturbation, disturbance, mismatch
-from moe_policy.learning.settings import TrainingSettings
+from moe_policy.learning.settings import DEFAULT, TrainingSettings
 
 _LEVELS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0)
 
@@ -16,14 +16,15 @@ def _benchmark(
     perturbations: tuple[Perturbation, ...],
     stored: int = 1_000,
     batch: int = 128,
+    rate: float = DEFAULT.learning_rate,
 ) -> Benchmark:
-    """The benchmark called ``short`` whose ``planners`` are trained for ``epochs`` with minibatches of ``batch``, and
-    compared.
+    """The benchmark called ``short`` whose ``planners`` are trained for ``epochs`` with minibatches of ``batch`` and
+    the learning ``rate``, and compared.
     """
     return Benchmark(
         short=short,
         planners=Planners(compared=planners, trained=planners, stored=stored),
-        training=Training(settings=TrainingSettings(epochs=epochs, batch=batch, gate_batch=batch)),
+        training=Training(settings=TrainingSettings(epochs=epochs, batch=batch, gate_batch=batch, learning_rate=rate)),
         perturbations=(*perturbations, *SENSING),
     )
 
@@ -31,13 +32,14 @@ def _benchmark(
 CART_POLE = _benchmark(
     "cart-pole",
     ("snn", "moe-custom", "moe-auto", "moe-kmeans-10"),
-    300,
+    600,
     (
         mismatch("cart", "cart"),
         mismatch("pole", "pole"),
         mismatch("length", "length"),
         disturbance("m/s²", "v", levels=_LEVELS),
     ),
+    rate=5e-3,
 )
 # Mass and torque are parameters, known to every planner.
 UNCERTAIN_PENDULUM = _benchmark(
