@@ -40,11 +40,10 @@ def main() -> None:
     database = cli.database(arguments, "training")
     seed, training, few = arguments.seed, benchmark.training, arguments.cases
     samples = database.samples(database.first(few or training.instances))
-    settings = training.settings if few is None else training.settings_of(few)
     kept = arguments.data / problem.id / "training.continuation"
     with WorkerPool(arguments.workers) as pool:
         for name in arguments.names or ("nearest", *benchmark.planners.trained):
-            began = time.perf_counter()
+            began, settings = time.perf_counter(), training.settings_of(few, name)
             chosen = samples[: benchmark.planners.stored] if name == "nearest" else samples
             planner = recipes.make(name, chosen, settings=settings, seed=seed, executor=pool, kept=kept)
             planner.rounded().save(arguments.models / problem.id / name)

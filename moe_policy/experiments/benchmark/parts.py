@@ -30,6 +30,8 @@ class Training:
 
     settings: TrainingSettings = DEFAULT  # those of all networks, unless another field says otherwise
     instances: int | None = None  # number of training instances, those that were generated first; ``None`` for all
+    #: settings by planner of those that have their own, whatever the number of instances
+    own: Mapping[str, TrainingSettings] = field(default_factory=dict)
     #: settings by planner of the networks that are also trained on all instances, with one seed, where ``instances``
     #: are fewer
     whole: Mapping[str, TrainingSettings] = field(default_factory=dict)
@@ -45,10 +47,12 @@ class Training:
     over_seeds: tuple[int, int] | None = None
     fewer_seeds: int = 3  # maximum number of training seeds of ``sizes`` and ``depths``
 
-    def settings_of(self, count: int) -> TrainingSettings:
-        """How networks are trained on ``count`` instances, a part of the training set: as on the largest of ``sizes``
-        that is not larger, where there is one.
+    def settings_of(self, count: int | None, name: str = "") -> TrainingSettings:
+        """How the network called ``name`` is trained on ``count`` instances, a part of the training set: as on the
+        largest of ``sizes`` that is not larger, where there is one; ``None`` for those of the benchmark.
         """
+        if name in self.own or count is None:
+            return self.own.get(name, self.settings)
         fitting = [size for size in self.sizes if size <= count]
         return replace(self.settings, epochs=self.sizes[max(fitting)]) if fitting else self.settings
 
