@@ -52,10 +52,10 @@ SHIPPED: Mapping[str, Settings] = MappingProxyType(
         "Quadcopter-v0": Settings("moe-kmeans-4"),
         "QuadcopterObstacle-v0": Settings("moe-custom", margins=(("radius", 0.1),), iterations=5, margin=0.03),
         "PendulumUncertain-v0": Settings("moe-kmeans-10"),
-        "CartPoleSwingup-v0": Settings("moe-kmeans-10"),
+        "CartPoleSwingup-v0": Settings("moe-custom"),
         "RocketLanding-v0": Settings("moe-kmeans-4"),
-        "TwoLinkArm-v0": Settings("moe-kmeans-10"),
-        "PlanarQuadcopterDiscs-v0": Settings("moe-kmeans-8"),
+        "TwoLinkArm-v0": Settings("moe-auto"),
+        "PlanarQuadcopterDiscs-v0": Settings("moe-custom", margin=0.01),
         "QuadcopterRecovery-v0": Settings("moe-kmeans-4"),
     }
 )
