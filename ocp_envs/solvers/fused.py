@@ -10,8 +10,8 @@ import casadi as ca
 
 from ocp_envs.solvers.transcription import Transcription
 
-#: An interval with more instructions has derivatives that take minutes to compile.
-MOST_INSTRUCTIONS = 2000
+#: Longer intervals have derivatives that take minutes to compile: 40,000 instructions for those of the quadcopters.
+MOST_INSTRUCTIONS = 1000
 
 
 def stage_functions(program: Transcription) -> list[ca.Function]:
