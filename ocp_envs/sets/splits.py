@@ -151,8 +151,7 @@ _VEHICLE = GenerationSettings(neighbours=3)
 #: Databases that are made in minutes.
 _FEW = GenerationSettings(first=100, starts=4)
 _SEVERAL = GenerationSettings(first=100, starts=8, cold=1)
-#: The pole swings up with any number of swings, so that one final angle has several optima: 7 % of the instances are
-#: cheaper by more than 0.1 % than with few guesses.
+#: The pole swings up with any number of swings, so that one final angle has several optima, which few guesses miss.
 _MANY_SWINGS = GenerationSettings(first=1500, starts=12, neighbours=4, lookaround=16, margin=0.5)
 #: Three obstacles, each passed on either side, need more guesses.
 _EVERY_SIDE = GenerationSettings(first=400, starts=20)
