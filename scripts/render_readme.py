@@ -37,6 +37,7 @@ from moe_policy.experiments.partitions import PARTITION_COLUMNS, Partitions
 from moe_policy.experiments.replanning import REPLANNING_COLUMNS, ReplanningRecord
 from moe_policy.experiments.seeds import TrainingComparison
 from moe_policy.experiments.speed.guesses import SOLVER_COLUMNS
+from moe_policy.experiments.speed.solver import SPEED_COLUMNS, SolverSpeed, lines_of
 from moe_policy.experiments.splits import SplitComparison, lines
 from moe_policy.reports.records import Record, read
 from moe_policy.reports.split_table import SPLIT_COLUMNS
@@ -88,6 +89,7 @@ TABLES: dict[tuple[str, str | None], Callable[[Path], str]] = {
         (f"search_{name}", None): table(Search, lambda record: record.trials, TRIAL_COLUMNS)
         for name in ("bc", "ppo", "ppo-bc")
     },
+    ("benchmark_solver", None): table(SolverSpeed, lines_of, SPEED_COLUMNS),
     ("benchmark_planning", "planning"): table(Latency, planning_rows, PLANNING_COLUMNS),
     ("benchmark_planning", "solver"): table(Latency, lambda record: record.solver, SOLVER_COLUMNS),
 }

@@ -15,6 +15,7 @@ import casadi as ca
 import numpy as np
 
 from moe_policy.reports.records import ABSENT, Absent, Record
+from moe_policy.reports.tables import Column
 from ocp_envs.data.neighbours import Neighbours
 from ocp_envs.data.warm_starts import local_fit
 from ocp_envs.data.worker import start_from
@@ -105,6 +106,40 @@ class SolverSpeed(Record):
     plain: float | Absent = ABSENT
     plain_riccati: float | Absent = ABSENT
     provenance: Provenance
+
+
+#: Names of the kinds of guesses.
+_NAMES = {"line": "straight line", "cold": "random", "warm": "nearest solution", "fit": "fit through solutions"}
+Line = tuple[str, Comparison]
+
+
+def lines_of(record: SolverSpeed) -> list[Line]:
+    """The comparisons of ``record``, each with the name of its guesses."""
+    found = [(_NAMES[kind], getattr(record, kind)) for kind in KINDS]
+    return [(name, each) for name, each in found if each is not ABSENT]
+
+
+def _better(line: Line) -> Rate:
+    return max(line[1].opti, line[1].opti_expanded, key=lambda rate: rate.verified_per_second)
+
+
+def _riccati(line: Line) -> int | None:
+    return None if line[1].riccati is ABSENT else line[1].riccati.verified
+
+
+def _gain(line: Line) -> float | None:
+    return None if line[1].riccati_ratio is ABSENT else line[1].riccati_ratio
+
+
+SPEED_COLUMNS: tuple[Column[Line], ...] = (
+    Column("guess", lambda line: line[0]),
+    Column("verified: Opti", lambda line: _better(line).verified, "d"),
+    Column("fatrop", lambda line: line[1].ours.verified, "d"),
+    Column("riccati", _riccati, "d"),
+    Column("verified per second: Opti", lambda line: _better(line).verified_per_second, ".0f"),
+    Column("fatrop / Opti", lambda line: line[1].ratio_to_the_better, ".1f"),
+    Column("riccati / Opti", _gain, ".1f"),
+)
 
 
 def draw(problem: OptimalControlProblem, size: int, seed: int) -> tuple[Array, Ints]:
