@@ -73,6 +73,9 @@ def settings_by_name() -> dict[str, GenerationSettings]:
     for change in CHANGES:
         name = ", ".join(f"{key} {value:g}" for key, value in change.items()) or "default"
         named[name] = dataclasses.replace(DEFAULT_GENERATION, **change)  # type: ignore[arg-type]
+    riccati = dataclasses.replace(DEFAULT_GENERATION.solver, primary="riccati")
+    for name in ("default", "margin 0.1"):
+        named[f"{name}, riccati"] = dataclasses.replace(named[name], solver=riccati)
     return named
 
 
