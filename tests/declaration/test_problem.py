@@ -91,7 +91,7 @@ def test_fingerprints_are_those_that_databases_and_weights_carry():
         "PendulumUncertain-v0": "fcd961de4b149d19",
         "CartPoleSwingup-v0": "3d683e491833086c",
         "RocketLanding-v0": "7796fb5862a665b8",
-        "TwoLinkArm-v0": "399df0a593ab5f25",
+        "TwoLinkArm-v0": "2febb934eafe11dd",
         "PlanarQuadcopterDiscs-v0": "8250696b75060c69",
         "QuadcopterRecovery-v0": "221fd4e955088872",
     }
