@@ -2,14 +2,23 @@
 
 The same random instances are generated with one setting changed at a time. An instance counts as missed where its cost
 is more than 0.1 % above the lowest that any row found; the thorough row finds what the others miss. Databases of the
-full size have nearer neighbours than these, so they miss less. Writes ``benchmark_generation_<env>.json``.
+full size have nearer neighbours than these, so they miss less. Writes ``benchmark_generation_<env>.json``, or with
+``--solvers``, which compares the solvers instead, ``benchmark_generation_solvers_<env>.json``.
 
     python scripts/benchmark_generation.py --env GroundVehicle-v0
+    python scripts/benchmark_generation.py --env GroundVehicle-v0 --solvers
 """
 
 import ocp_envs
 from moe_policy.experiments import cli
-from moe_policy.experiments.speed.generation import TOLERANCE, GenerationSpeed, compare, measure, settings_by_name
+from moe_policy.experiments.speed.generation import (
+    TOLERANCE,
+    GenerationSpeed,
+    compare,
+    measure,
+    settings_by_name,
+    solvers_by_name,
+)
 from ocp_envs.support.provenance import provenance
 
 #: Seed of the instances; no split has it.
@@ -17,10 +26,12 @@ SEED = 404
 
 
 def main() -> None:
-    arguments = cli.parser(__doc__, cases="instances of every row", default_cases=3000).parse()
+    parser = cli.parser(__doc__, cases="instances of every row", default_cases=3000)
+    parser.add_argument("--solvers", action="store_true", help="compare the solvers instead of the settings")
+    arguments = parser.parse()
     problem, runs = arguments.problem, {}
     p = ocp_envs.sample(problem, SEED, arguments.cases)
-    for name, settings in settings_by_name().items():
+    for name, settings in (solvers_by_name() if arguments.solvers else settings_by_name()).items():
         runs[name] = measure(problem, p, settings)
         cli.say(f"{name}: {runs[name].rate:.1f} instances per second")
     rows = compare(runs)
@@ -30,7 +41,7 @@ def main() -> None:
     record = GenerationSpeed(
         env_id=problem.id, problems=len(p), seed=SEED, tolerance=TOLERANCE, rows=rows, provenance=provenance()
     )
-    cli.publish(arguments, f"benchmark_generation_{problem.id}", record)
+    cli.publish(arguments, f"benchmark_generation_{'solvers_' * arguments.solvers}{problem.id}", record)
 
 
 if __name__ == "__main__":

@@ -73,9 +73,16 @@ def settings_by_name() -> dict[str, GenerationSettings]:
     for change in CHANGES:
         name = ", ".join(f"{key} {value:g}" for key, value in change.items()) or "default"
         named[name] = dataclasses.replace(DEFAULT_GENERATION, **change)  # type: ignore[arg-type]
-    riccati = dataclasses.replace(DEFAULT_GENERATION.solver, primary="riccati")
+    return named
+
+
+def solvers_by_name() -> dict[str, GenerationSettings]:
+    """Settings by name: the default ones with either solver, with the default margin and with a smaller one."""
+    named = {}
     for name in ("default", "margin 0.1"):
-        named[f"{name}, riccati"] = dataclasses.replace(named[name], solver=riccati)
+        fatrop = settings_by_name()[name]
+        riccati = dataclasses.replace(fatrop.solver, primary="riccati")
+        named |= {name: fatrop, f"{name}, riccati": dataclasses.replace(fatrop, solver=riccati)}
     return named
 
 
