@@ -78,7 +78,7 @@ def settings_by_name() -> dict[str, GenerationSettings]:
 
 def solvers_by_name() -> dict[str, GenerationSettings]:
     """Settings by name: the default ones with either solver, with the default margin and with a smaller one."""
-    named = {}
+    named: dict[str, GenerationSettings] = {}
     for name in ("default", "margin 0.1"):
         fatrop = settings_by_name()[name]
         riccati = dataclasses.replace(fatrop.solver, primary="riccati")
