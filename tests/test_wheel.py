@@ -24,7 +24,14 @@ pytestmark = [
     ),
 ]
 #: Networks that only the comparison needs.
-COMPARED_ALONE = ("GroundVehicle-v0/moe-kmeans-6", "QuadcopterObstacle-v0/moe-kmeans-8")
+COMPARED_ALONE = (
+    "GroundVehicle-v0/moe-kmeans-6",
+    "QuadcopterObstacle-v0/moe-kmeans-8",
+    "CartPoleSwingup-v0/moe-auto",
+    "CartPoleSwingup-v0/moe-kmeans-10",
+    "TwoLinkArm-v0/moe-kmeans-10",
+    "PlanarQuadcopterDiscs-v0/moe-kmeans-8",
+)
 #: Run in an empty folder; arguments: the folder of the unpacked wheel, names of problems with reference sets.
 CODE = """
 import sys
