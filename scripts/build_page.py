@@ -5,7 +5,7 @@ Sources are in ``moe_policy/experiments/page/source``. The exported regulators a
 WebAssembly, with clang and lld (``apt-get install clang lld``).
 
     python scripts/build_page.py
-    python scripts/build_page.py --problems pendulum
+    python scripts/build_page.py --problems pendulum vehicle sphere
 """
 
 import json
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from moe_policy.experiments import cli
 from moe_policy.experiments.page.bundle import SOURCES, page
-from moe_policy.experiments.page.contents import SHOWN, contents
+from moe_policy.experiments.page.contents import SHOWN, USUAL, contents
 from ocp_envs.support.files import replacing
 
 BUILT = cli.ROOT / "docs" / "page"
@@ -37,8 +37,8 @@ def build(problems: Sequence[str], folder: Path) -> None:
 
 def main() -> None:
     parser = cli.parser(__doc__, env=None, ship="write into docs/page, the committed page, instead of runs/page")
-    which = f"of {', '.join(SHOWN)}; by default all"
-    parser.add_argument("--problems", nargs="+", metavar="NAME", choices=SHOWN, default=tuple(SHOWN), help=which)
+    which = f"of {', '.join(SHOWN)}; by default {' and '.join(USUAL)}"
+    parser.add_argument("--problems", nargs="+", metavar="NAME", choices=SHOWN, default=USUAL, help=which)
     arguments = parser.parse()
     build(arguments.problems, BUILT if arguments.results == cli.RECORDS else arguments.results / "page")
 

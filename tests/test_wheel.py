@@ -28,7 +28,6 @@ COMPARED_ALONE = (
     "GroundVehicle-v0/moe-kmeans-6",
     "QuadcopterObstacle-v0/moe-kmeans-8",
     "CartPoleSwingup-v0/moe-auto",
-    "CartPoleSwingup-v0/moe-kmeans-10",
     "TwoLinkArm-v0/moe-kmeans-10",
     "PlanarQuadcopterDiscs-v0/moe-kmeans-8",
 )

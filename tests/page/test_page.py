@@ -1,16 +1,20 @@
 """The page in a real browser: what it shows, how it is used, and its numbers against Python's."""
 
+import atexit
+import shutil
+import tempfile
 import threading
 from functools import lru_cache, partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import moe_policy
 import ocp_envs
-from moe_policy.experiments.page.contents import SHOWN
-from scripts.build_page import BUILT
+from moe_policy.experiments.page.contents import SHOWN, USUAL
+from scripts.build_page import BUILT, build
 from tests.page.browser import CHROMIUM, chromium
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
@@ -25,23 +29,36 @@ def browser():
         yield found
 
 
+@lru_cache
+def folder_of(name):
+    """The folder of the page that shows the problem ``name``: the committed one, or one that is built for the test."""
+    if name in USUAL:
+        return BUILT
+    if shutil.which("clang") is None or shutil.which("wasm-ld") is None:
+        pytest.skip("needs clang and lld: apt-get install clang lld")
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder)
+    build([name], folder)
+    return folder
+
+
 def opened(browser, name, size=DESKTOP, scheme="light"):
     """The page with the problem ``name``, standing still, in a window of a ``size``."""
     if browser.shows == (name, size, scheme):  # loading takes longer than most tests
         browser.run("shown.set(shown.view.initial)")
         return browser
-    browser.shows = (name, size, scheme)
+    browser.shows, folder = (name, size, scheme), folder_of(name)
     browser.problems.clear()
     browser.size(*size, phone=size == PHONE)
     browser.prefer(prefers_color_scheme=scheme, prefers_reduced_motion="reduce")
     browser.open("about:blank")
-    browser.open(f"{(BUILT / 'index.html').as_uri()}#{name}")
+    browser.open(f"{(folder / 'index.html').as_uri()}#{name}")
     browser.until("document.querySelector('tbody tr')")
     browser.run(f"stageOf('{name}').then((stage) => void (window.shown = stage))")
     return browser
 
 
-@pytest.fixture(params=["pendulum", "vehicle", pytest.param("sphere", marks=pytest.mark.slow)])
+@pytest.fixture(params=[*USUAL, pytest.param("sphere", marks=pytest.mark.slow)])
 def name(request):
     return request.param
 

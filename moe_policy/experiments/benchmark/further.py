@@ -31,7 +31,7 @@ def _benchmark(
 
 CART_POLE = _benchmark(
     "cart-pole",
-    ("snn", "moe-custom", "moe-auto", "moe-kmeans-10"),
+    ("snn", "moe-custom", "moe-auto"),
     600,
     (
         mismatch("cart", "cart"),
